@@ -3,9 +3,10 @@
 //! The control tick feeds it, which proves its own progress, and only if the bus task has run since
 //! the last feed. The bus task runs at least every 5 ms in thread mode, where it is the first to
 //! starve. A control tick that hangs, an interrupt storm, or a task that never yields therefore
-//! resets the chip 50 ms after the last feed (34 to 94 ms over the LSI's tolerance). The only other
-//! feeds are those that change the watchdog's setting, at start-up and around writes to flash
-//! (`board::iwdg`): twice each time, with the outputs off, and with a bound on the time in between.
+//! resets the chip 50 ms after the last feed (34 to 94 ms over the LSI's tolerance). It is
+//! also fed with the outputs off: at start-up while the chip waits for its clock and its supply
+//! (`board::power`), and where the watchdog's setting is changed, at start-up and around writes to
+//! flash (`board::iwdg`), twice each time and with a bound on the time in between.
 //!
 //! One exception, because a reset is a hard stop of one robot under a common load: when the bus
 //! side goes silent while the wheels turn, the control side detects this after 25 ms, which is

@@ -1,4 +1,4 @@
-//! Poses of members share a frame: a robot that has lost its power begins anew at zero, and the
+//! Poses of members share a frame: a robot that has lost its power starts again at zero, and the
 //! group is driven and judged all the same.
 
 mod common;

@@ -77,7 +77,7 @@ pub enum MasterError {
     },
     /// A robot takes no key at present.
     #[error(
-        "node {node}: it takes no key now; after wrong ones it waits up to 64 s, and it must not be \
+        "node {node}: it accepts no key now; after a wrong key it waits up to 64 s, and it must not be \
          OPERATIONAL; try again then"
     )]
     Barred {
@@ -207,12 +207,12 @@ pub enum MasterError {
     Lss(String),
     /// Another master commands this bus.
     #[error(
-        "another master is on the bus (heard: {0}); stop it first: robots stop when two command \
+        "another master is on the bus (received: {0}); stop it first: robots stop when two command \
          them"
     )]
     AnotherMaster(Sign),
     /// Another master has begun to command the robots of this one.
-    #[error("another master took the robots (heard, and not sent by this program: {0})")]
+    #[error("another master took the robots (received, and not sent by this program: {0})")]
     Displaced(Sign),
     /// Something was to drive that does not listen to setpoints.
     #[error("the group is not started, so nothing would move; start it before each drive")]

@@ -57,17 +57,17 @@ enum Command {
     /// Flashes one robot's LED, to tell which robot it is.
     #[command(alias = "identify")]
     Blink(cli::wheel_test::Blink),
-    /// Brings a new image to all robots, or to none.
+    /// Updates the firmware of all robots, or of none.
     Update(cli::update::Arguments),
-    /// Locks what robots keep by a key, or gives them one.
+    /// Locks the parameters and images of robots with a key, or sets that key.
     Lock(cli::lock::Lock),
-    /// Unlocks robots for a while, by their key.
+    /// Unlocks robots with their key, for a limited time.
     Unlock(cli::lock::Unlock),
     /// Turns one wheel after the other and reports wrong wiring.
     WheelTest(cli::wheel_test::Arguments),
     /// Identifies the motors of one robot and sets its wheel loops.
     IdentifyMotors(cli::motors::Arguments),
-    /// Measures whether a group keeps what the documents promise, on stands or on the floor.
+    /// Measures a group against the promises of the documents, on stands or on the floor.
     Accept(cli::accept::Arguments),
     /// Calculates the load of the bus.
     BusLoad(cli::bus_load::Arguments),

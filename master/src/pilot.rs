@@ -509,7 +509,7 @@ mod tests {
         assert!(snapshot_until(&stream, |s| s.phase == SessionState::Running).is_some());
         let plan = Arc::new(Curve::Lateral.plan(false));
         pilot.order(Order::Curve(Arc::clone(&plan), 3_000_000));
-        // Once more, and longer than the curve: it goes on and does not begin anew.
+        // Once more, and longer than the curve: it goes on and does not start again.
         assert!(snapshot_until(&stream, |s| s.curve.is_some_and(|c| c.t > 1.0)).is_some());
         pilot.order(Order::Curve(Arc::clone(&plan), 60_000_000));
         let (fastest, last, end) = driven(&stream);

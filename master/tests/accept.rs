@@ -73,7 +73,7 @@ fn emulated_robots_keep_every_promise_of_level_two() {
     let mut session = Group::connect(SimLink::new(world, "sim"), &file).unwrap();
     let mut checks = level_two(&mut session, &mut Injection, &options(), &mut |_| {}).unwrap();
     assert_eq!(outcome(&checks, Outcome::Missed), [""; 0]);
-    // `omnibus accept --level 2 --backend emulator --report` writes it anew.
+    // `omnibus accept --level 2 --backend emulator --report` rewrites it.
     let known = include_str!("../../acceptance/emulated/level-2.json");
     acceptance::report::expect(&mut checks, &serde_json::from_str(known).unwrap());
     let lacks = |check: &&Check| check.measured.is_some() != check.expected.is_some();

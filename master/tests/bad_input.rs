@@ -242,7 +242,7 @@ fn no_command_takes_robots_from_another_master() {
         let message = String::from_utf8(output.stderr).unwrap();
         assert_eq!(output.status.code(), Some(4), "{command:?}: {message}");
         assert!(
-            message.contains("another master is on the bus (heard: SYNC)"),
+            message.contains("another master is on the bus (received: SYNC)"),
             "{message}"
         );
         let received = String::from_utf8(server.join().unwrap()).unwrap();

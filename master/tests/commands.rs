@@ -531,7 +531,7 @@ fn objects_are_told_with_what_their_numbers_mean() {
 fn reset_names_the_robots_that_started_anew() {
     let refused = omnibus(&["reset", "--all", "--bus", BUS]);
     let text = String::from_utf8(refused.stdout).unwrap();
-    assert_eq!(text, "nodes 2, 3 have started anew\n");
+    assert_eq!(text, "nodes 2, 3 have restarted\n");
     let one = json(&["reset", "--node", "3", "--bus", BUS, "--json"]);
     assert_eq!(one["reset"], serde_json::json!([3]));
     let none = omnibus(&["reset", "--node", "9", "--bus", BUS]);

@@ -125,7 +125,7 @@ fn the_commands_name_what_to_do() {
     assert_eq!(code, Some(1), "{error}");
     let (code, result, _) = on_the_bus(&["lock", "--set-key", file]);
     assert_eq!((code, &*result), (Some(0), "node 2 is locked\n"));
-    // A simulated bus begins anew with every command.
+    // A simulated bus starts again with every command.
     let (code, _, error) = on_the_bus(&["lock"]);
     assert_eq!(code, Some(2), "{error}");
     assert!(error.contains("--set-key FILE"), "{error}");

@@ -1,6 +1,6 @@
 //! The generated documents in `docs/` are those this crate generates.
 //!
-//! `OMNIBUS_WRITE_DOCS=1 cargo test -p omnibus-protocol` writes them anew.
+//! `OMNIBUS_WRITE_DOCS=1 cargo test -p omnibus-protocol` rewrites them.
 
 use std::fmt;
 use std::path::Path;

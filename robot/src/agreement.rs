@@ -5,15 +5,15 @@
 //! 2. With the last member's vote all know the smallest scale. They apply twist(*k*) times that, at
 //!    one time after SYNC *k* ([`protocol::timing::agreement_delay_us`]).
 //! 3. A member that is in no state to follow, echoes another sequence, or would do something else
-//!    with it (see [`protocol::Plan`]), counts as scale 0, and scale 0 is a stop. So does one that
-//!    is not heard before SYNC *k+1*; until then the others hold the last setpoint.
+//!    with it (see [`protocol::Plan`]), counts as scale 0, and scale 0 is a stop. So does one
+//!    whose status does not arrive before SYNC *k+1*; until then the others hold the last setpoint.
 //!
 //! Every member runs this on the same frames in the same order and compares the same integers, its
 //! own published scale included, so all of them decide the same. No member leads.
 
 use protocol::{FIRST_ROBOT, Fault, MAX_ROBOTS, MemberStatus, Scale};
 
-/// What was heard of one member since the last SYNC.
+/// What one member has published since the last SYNC.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 struct Vote {
     sequence: u8,

@@ -40,6 +40,22 @@ const DIALECT: [&str; 26] = [
     "whoever",
 ];
 
+/// Words that a page for users does without: who or what is meant stands there instead.
+const NOT_IN_PAGES: [&str; 9] = [
+    "altogether",
+    "anew",
+    "anybody",
+    "everybody",
+    "mend",
+    "mends",
+    "nobody",
+    "somebody",
+    "whoever",
+];
+
+/// Pages with the words of their time, or about words.
+const FREE_PAGES: [&str; 3] = ["CHANGELOG.md", "docs/adr", "docs/glossary.md"];
+
 /// Names that have such a word and keep it: what users already type.
 const TYPED: [&str; 1] = ["kept"];
 
@@ -150,6 +166,24 @@ fn words(name: &str) -> Vec<String> {
     }
     found.retain(|word| !word.is_empty());
     found
+}
+
+#[test]
+fn pages_are_in_standard_words() {
+    let mut complaints = Vec::new();
+    let is_free = |page: &Path| FREE_PAGES.iter().any(|free| page.starts_with(free));
+    for page in files("md").into_iter().filter(|page| !is_free(page)) {
+        for (number, line) in (1..).zip(read(&page).lines()) {
+            let words = line.split(|letter: char| !letter.is_ascii_alphanumeric());
+            for word in words.filter(|word| NOT_IN_PAGES.contains(&word.to_lowercase().as_str())) {
+                complaints.push(format!(
+                    "{}:{number}: '{word}': name who or what is meant",
+                    page.display()
+                ));
+            }
+        }
+    }
+    nothing(&complaints);
 }
 
 /// A name of four words and more is a sentence, such as a test's.

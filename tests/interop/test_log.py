@@ -64,6 +64,16 @@ class Dbc(unittest.TestCase):
         self.assertAlmostEqual(values["omega"], 0.005)
         self.assertEqual((values["sequence"], values["group"]), (7, 1))
 
+    def test_what_no_field_holds_is_refused_and_invalid_has_a_name(self):
+        path = ROOT / "docs" / "omnibus.dbc"
+        message = cantools.database.load_file(path, strict=True).get_message_by_frame_id(0x181)
+        twist = {"vx": 3.2767, "vy": -3.2767, "omega": 0, "sequence": 7, "group": 1}
+        encoded = message.encode(twist, strict=True)
+        self.assertEqual(encoded, bytes.fromhex("FF7F 0180 0000 07 01".replace(" ", "")))
+        with self.assertRaises(cantools.database.errors.EncodeError):
+            message.encode(twist | {"vy": -3.3}, strict=True)
+        self.assertEqual(message.decode(bytes.fromhex("0080000000000701"))["vx"], "Invalid")
+
 
 @unittest.skipUnless(shutil.which("tshark"), TSHARK_MISSING)
 class Tshark(unittest.TestCase):

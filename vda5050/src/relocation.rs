@@ -42,7 +42,7 @@ impl Place {
         let number = |key: &str| {
             let value = action.parameter(key).and_then(Value::as_f64);
             let value = value.filter(|value| value.abs() <= 1e6);
-            value.ok_or_else(|| format!("{kind}: {key} is missing or no number"))
+            value.ok_or_else(|| format!("{kind}: {key} is missing or not a number"))
         };
         let text = |key: &str| {
             let text = action.parameter(key).and_then(Value::as_str);

@@ -125,7 +125,7 @@ fn the_factsheet_tells_the_groups_limits_and_outline() {
     );
 }
 
-/// 3.0 names fields of orders anew; both names are read in all versions.
+/// 3.0 renames fields of orders; both names are read in all versions.
 #[test]
 fn orders_of_3_0_are_read() {
     let mut vehicle = vehicle(Version::V3_0);

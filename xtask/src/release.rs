@@ -18,14 +18,14 @@ pub struct Arguments {
     /// File of the private key; its public half has to be the one that OMNIBUS_PUBLIC_KEY names.
     #[arg(long, value_name = "FILE", required_unless_present = "development")]
     key: Option<PathBuf>,
-    /// Signs with the development key, which everybody has, for robots that were built without
+    /// Signs with the development key, which is public, for robots that were built without
     /// OMNIBUS_PUBLIC_KEY.
     #[arg(long, conflicts_with = "key")]
     development: bool,
     /// Board of the robots.
     #[arg(long, value_enum, default_value_t)]
     board: firmware::Board,
-    /// For robots whose wheels are turned by smart drives, as all with a board that has no others.
+    /// For robots with smart drives; implied by a board that has no other drivers.
     #[arg(long)]
     smart_drives: bool,
 }
@@ -93,7 +93,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         a.len(),
         b.len(),
         if arguments.development {
-            ", signed with the development key: anybody can make such a file"
+            ", signed with the development key: anyone can make such a file"
         } else {
             ""
         }

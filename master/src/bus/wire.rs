@@ -119,7 +119,7 @@ impl<L: Link> Wire<L> {
 
     /// Seconds from the beginning of the session to `at`.
     pub(crate) fn seconds(&self, at: Micros) -> f64 {
-        (at.0 as f64 - self.began.0 as f64) * 1e-6
+        (at.0 as f64 - self.began.0 as f64) / 1e6
     }
 
     /// Counter of the last SYNC that this end has sent; 0 before the first.

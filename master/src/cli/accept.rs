@@ -36,7 +36,7 @@ const EXAMPLES: &str = "Examples:
   omnibus accept --level 3 --bus sim:groups/tcc-2.toml
   omnibus accept --level 3 --tape --bus socketcan:can0 --group my-group.toml
 
-Level 1, a bare board, is `cargo xtask accept`. docs/acceptance.md tells the whole story. Exits with code 6 if a
+Level 1, a bare board, is `cargo xtask accept`. docs/acceptance.md describes the whole procedure. Exits with code 6 if a
 promise was missed.";
 
 /// How long a question waits between two looks at the bus and at Ctrl-C.
@@ -59,7 +59,7 @@ pub struct Arguments {
     /// Confirms that the wheels of all robots are off the floor (level 2).
     #[arg(long)]
     wheels_free: bool,
-    /// Robot that hands are laid on; the first of the group file by default.
+    /// Robot whose plugs and switches a person operates; by default the first of the group file.
     #[arg(long)]
     node: Option<u8>,
     /// Speed of the group at level 2, m/s.
@@ -69,14 +69,14 @@ pub struct Arguments {
     /// be given several times.
     #[arg(long, value_name = "NAME")]
     skip: Vec<String>,
-    /// How long something that was asked for may take, s.
+    /// Time allowed for each thing that a person is asked to do, s.
     #[arg(long, default_value_t = 60, value_name = "SECONDS",
           value_parser = clap::value_parser!(u16).range(5..=600))]
     patience: u16,
     /// Source of poses at level 3: tcp://HOST:PORT (JSON lines). A simulated bus has its own.
     #[arg(long, value_name = "SOURCE", conflicts_with = "tape")]
     pose: Option<Source>,
-    /// Asks at level 3 for what a tape measure says.
+    /// Asks for measurements by tape measure at level 3.
     #[arg(long)]
     tape: bool,
     /// Folder for report.html and report.json.
@@ -375,7 +375,7 @@ impl Driver<'_> {
                 Ok(measured) if measured.is_finite() => {
                     break Some(100.0 * (measured / asked - 1.0));
                 }
-                _ => print_note(format!("'{}' is no number; {what}:", line.trim())),
+                _ => print_note(format!("'{}' is not a number; {what}:", line.trim())),
             }
         };
         let mut errors = Errors::default();

@@ -207,14 +207,15 @@ fn show(group: &GroupFile, node: Option<u8>) -> anyhow::Result<()> {
         let robots = robots.iter().map(|robot| {
             let parameters = configure::parameters(group, robot, true);
             let objects = parameters.iter().map(|(at, value)| {
-                json!({"object": at.to_string(), "name": sdo::name(*at), "value": sdo::show(*value)})
+                json!({"object": at.to_string(), "name": sdo::name(*at), "value": sdo::show(*value),
+                       "unit": sdo::unit(*at)})
             });
             json!({"node": robot.node, "parameters": objects.collect::<Vec<_>>()})
         });
         let robots: Vec<_> = robots.collect();
         return print_json(&json!({"group": group.name, "robots": robots}));
     }
-    let mut header = vec!["object".to_owned()];
+    let mut header = ["object", "name", "unit"].map(str::to_owned).to_vec();
     header.extend(robots.iter().map(|robot| format!("node {}", robot.node)));
     let mut table = output::table(header.iter().map(String::as_str));
     let columns: Vec<_> = robots
@@ -222,7 +223,11 @@ fn show(group: &GroupFile, node: Option<u8>) -> anyhow::Result<()> {
         .map(|robot| configure::parameters(group, robot, true))
         .collect();
     for (row, (at, _)) in columns[0].iter().enumerate() {
-        let mut cells = vec![sdo::name(*at)];
+        let mut cells = vec![
+            at.to_string(),
+            sdo::full_name(*at),
+            sdo::unit(*at).to_owned(),
+        ];
         cells.extend(columns.iter().map(|column| sdo::show(column[row].1)));
         table.add_row(cells);
     }

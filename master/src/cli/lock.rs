@@ -1,4 +1,4 @@
-//! `omnibus lock` and `omnibus unlock`: a key that guards what robots keep.
+//! `omnibus lock` and `omnibus unlock`: a key that guards parameters and images of robots.
 
 use std::io::{Read as _, Write as _};
 use std::path::{Path, PathBuf};
@@ -17,10 +17,11 @@ use super::{Target, Usage, json, print_json, print_line, print_note};
 const LOCK_EXAMPLES: &str = "Examples:
   omnibus lock --set-key lock.key --new --bus socketcan:can0     # a new key for all robots on the bus
   omnibus lock --bus socketcan:can0                              # locks robots that have a key
-  omnibus lock --remove-key --bus socketcan:can0                 # of unlocked robots
+  omnibus lock --remove-key --bus socketcan:can0                 # robots must be unlocked
 
-A locked robot refuses parameters, node ids and updates; it drives and stops as ever. The key travels over the bus when
-it is set: have nothing else on the bus then. A lost key takes a debug probe (docs/security.md).";
+A locked robot refuses parameters, node ids and updates; it drives and stops as before. The key is sent over the bus
+unencrypted when it is set: connect nothing else to the bus then. After the loss of a key only a debug probe helps
+(docs/security.md).";
 
 const UNLOCK_EXAMPLES: &str = "Examples:
   omnibus unlock --key lock.key --bus socketcan:can0
@@ -34,10 +35,10 @@ pub struct Lock {
     /// Gives the robots the key in this file (- for standard input), and locks them.
     #[arg(long, value_name = "FILE", conflicts_with = "remove_key")]
     set_key: Option<PathBuf>,
-    /// Makes that file, with a new key, which only you can read.
+    /// Creates that file with a new key; only your user can read it.
     #[arg(long, requires = "set_key")]
     new: bool,
-    /// Takes the key from the robots, which have to be unlocked.
+    /// Removes the key from the robots, which must be unlocked.
     #[arg(long)]
     remove_key: bool,
     /// This robot only.

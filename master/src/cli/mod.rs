@@ -103,7 +103,7 @@ impl Target {
         match self.group_if_any()? {
             Some(group) => Ok(group),
             None => usage!(
-                "--group GROUP.toml is missing; it tells which robots are on {}",
+                "--group GROUP.toml is missing; it says which robots are on {}",
                 self.bus
             ),
         }
@@ -242,7 +242,7 @@ impl Target {
         match foreign::look(link)? {
             Some(sign) if self.force => {
                 print_note(format!(
-                    "{}: another master is on the bus (heard: {sign}); --force takes its robots",
+                    "{}: another master is on the bus (received: {sign}); --force takes its robots",
                     self.bus
                 ));
                 Ok(())

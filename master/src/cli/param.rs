@@ -280,7 +280,7 @@ fn list(filter: Option<&str>) -> anyhow::Result<()> {
         };
         table.add_row([
             object.address.to_string(),
-            full_name(object),
+            sdo::full_name(object.address),
             format!("{} {}", object.kind.name(), object.access.eds()),
             if writable && object.kind != Kind::Domain {
                 format!("{} to {}", sdo::show(object.min), sdo::show(object.max))
@@ -296,17 +296,6 @@ fn list(filter: Option<&str>) -> anyhow::Result<()> {
         print_line(only.text)?;
     }
     Ok(())
-}
-
-/// The name with its record's, which tells five objects called "Front left" apart.
-fn full_name(object: &Object) -> String {
-    let record = protocol::RECORDS
-        .iter()
-        .find(|(index, _)| *index == object.address.index);
-    record.map_or_else(
-        || object.name.to_owned(),
-        |(_, record)| format!("{record}: {}", object.name),
-    )
 }
 
 fn dump(output: Option<&PathBuf>, at: &At) -> anyhow::Result<()> {
@@ -428,7 +417,7 @@ fn diff_file(file: &std::path::Path, node: Option<u8>, target: &Target) -> anyho
     let parameters = param_file::read(file)?;
     let Some(node) = node.or(parameters.node) else {
         usage!(
-            "--node is missing; it tells which robot to compare with {}",
+            "--node is missing; it says which robot to compare with {}",
             file.display()
         );
     };

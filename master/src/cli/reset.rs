@@ -1,4 +1,4 @@
-//! `omnibus reset`: robots start anew, as if they had been switched off and on.
+//! `omnibus reset`: robots restart, as if they had been switched off and on.
 
 use std::collections::BTreeSet;
 
@@ -77,8 +77,5 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     } else {
         ("nodes", "have")
     };
-    print_line(format_args!(
-        "{node} {} {have} started anew",
-        names.join(", ")
-    ))
+    print_line(format_args!("{node} {} {have} restarted", names.join(", ")))
 }

@@ -126,7 +126,7 @@ impl Arguments {
             (Some(user), Some(path)) => {
                 let text = String::from_utf8(read("--password-file", path)?);
                 let text = text.with_context(|| {
-                    format!("--password-file {}: it is no text", path.display())
+                    format!("--password-file {}: the file is not text", path.display())
                 })?;
                 Some((user.clone(), text.trim_end_matches(['\r', '\n']).to_owned()))
             }

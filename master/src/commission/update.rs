@@ -379,7 +379,7 @@ fn reason(problem: u32) -> &'static str {
     const PROBLEMS: [(Problem, &str); 10] = [
         (
             Problem::Header,
-            "the file is no image file; make one with cargo xtask release",
+            "the file is not an image file; make one with cargo xtask release",
         ),
         (
             Problem::Board,

@@ -30,10 +30,6 @@ fn color(run: &Run) -> RGBColor {
     }]
 }
 
-fn label(run: &Run) -> String {
-    format!("compensation {}", run.compensation_word())
-}
-
 /// A line through one number of every truth row.
 fn line(
     run: &Run,
@@ -119,7 +115,7 @@ pub fn map(report: &Report) -> Chart {
     series.extend(theory(report, |row| to_paper(&row.theory).into()));
     series.extend(report.runs.iter().map(|run| {
         Series {
-            label: label(run),
+            label: report.heading(run),
             color: Some(color(run)),
             stroke: Stroke::Line,
             points: run
@@ -172,10 +168,11 @@ const AXES: [Axis; 2] = [
 pub fn displacements(report: &Report) -> Vec<Chart> {
     let of_axis = |axis: &Axis| {
         let at = |pose: &Pose| to_paper(pose)[axis.index];
-        let lines = report
-            .runs
-            .iter()
-            .map(|run| line(run, label(run), Some(color(run)), |row| at(&row.group)));
+        let lines = report.runs.iter().map(|run| {
+            line(run, report.heading(run), Some(color(run)), |row| {
+                at(&row.group)
+            })
+        });
         let wanted = theory(report, |row| (row.t, at(&row.theory)));
         let series = wanted.into_iter().chain(lines);
         let title = format!("way {}", axis.name);
@@ -201,7 +198,7 @@ pub fn velocities(report: &Report) -> Vec<Chart> {
                 (dt > 0.0).then(|| (middle.t, (at(&last.group) - at(&first.group)) / dt))
             };
             Series {
-                label: label(run),
+                label: report.heading(run),
                 color: Some(color(run)),
                 stroke: Stroke::Line,
                 points: run
@@ -238,7 +235,7 @@ pub fn tracking(report: &Report) -> Chart {
         (x - x0).hypot(y - y0) * 1000.0
     };
     let lines = report.runs.iter();
-    let lines = lines.map(|run| line(run, label(run), Some(color(run)), distance));
+    let lines = lines.map(|run| line(run, report.heading(run), Some(color(run)), distance));
     chart(
         "distance from where the curve is at that instant",
         "distance / mm",
@@ -254,7 +251,7 @@ pub fn heading(report: &Report) -> Chart {
         (f64::from(row.group.heading) - f64::from(row.theory.heading)).to_degrees()
     };
     let lines = report.runs.iter();
-    let lines = lines.map(|run| line(run, label(run), Some(color(run)), off));
+    let lines = lines.map(|run| line(run, report.heading(run), Some(color(run)), off));
     chart("heading error", "angle / deg", WIDE, lines.collect())
 }
 
@@ -262,7 +259,11 @@ pub fn heading(report: &Report) -> Chart {
 #[must_use]
 pub fn shape(report: &Report) -> Chart {
     let lines = report.runs.iter();
-    let lines = lines.map(|run| line(run, label(run), Some(color(run)), |r| r.shape_error_mm));
+    let lines = lines.map(|run| {
+        line(run, report.heading(run), Some(color(run)), |r| {
+            r.shape_error_mm
+        })
+    });
     chart("shape error", "distance / mm", WIDE, lines.collect())
 }
 
@@ -285,7 +286,7 @@ pub fn wheel_rates(report: &Report, run: &Run, robot: usize) -> Chart {
     });
     let node = report.robots.get(robot).map_or(0, |outline| outline.node);
     chart(
-        &format!("node {node}, compensation {}", run.compensation_word()),
+        &format!("node {node}, {}", report.heading(run)),
         "rate / (rad/s)",
         HALF,
         wheels.collect(),

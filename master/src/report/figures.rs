@@ -1,7 +1,7 @@
 //! The figures of a report, row by row, for all forms of a report: x ahead and y left, or the
 //! paper's axes beside its values.
 
-use super::{Report, Run, paper_table_6};
+use super::{BackendName, Report, Run, paper_table_6};
 
 /// One figure of every run.
 pub struct Row {
@@ -82,20 +82,21 @@ pub fn rows(report: &Report) -> Vec<Row> {
             None,
         ),
         row("shape error, largest", &|run| mm(run.shape_error_mm), None),
-        row(
+    ]);
+    // The load of a real bus is not measured here.
+    if report.backend != BackendName::Robots {
+        rows.push(row(
             "bus load, largest in 100 ms",
             &|run| load(run.bus_load_percent),
             None,
-        ),
-        row(
+        ));
+    }
+    if report.backend == BackendName::Emulator {
+        rows.push(row(
             "robots' time / real time",
             &|run| format!("{:.2}", run.realtime_factor),
             None,
-        ),
-    ]);
-    if report.backend == super::BackendName::Robots {
-        // The load of a real bus is not measured here, and its time is real time.
-        rows.truncate(rows.len() - 2);
+        ));
     }
     if !report.paper && !report.turns() {
         rows.swap(0, 1);

@@ -6,7 +6,7 @@
 use std::fmt::Write as _;
 
 use super::figures::{load, percent};
-use super::{Report, Scalar, charts, figures, motion};
+use super::{BackendName, Report, Scalar, charts, figures, motion};
 use chart::ChartError;
 pub use chart::page::escape;
 use chart::page::{begin, end, figure};
@@ -17,7 +17,7 @@ fn table(report: &Report) -> String {
     let has_paper = figures::has_paper(&rows);
     let mut out = String::from("<table><thead><tr><th></th>");
     for run in &report.runs {
-        let _ = write!(out, "<th>compensation {}</th>", run.compensation_word());
+        let _ = write!(out, "<th>{}</th>", report.heading(run));
     }
     if has_paper {
         out.push_str("<th class=\"paper\">paper, off (Table 6)</th>");
@@ -69,7 +69,7 @@ pub fn to_html(report: &Report) -> Result<String, ChartError> {
         } else {
             (run.errors.x_percent, "error of the way aside")
         };
-        let text = format!("{name}, compensation {}", run.compensation_word());
+        let text = format!("{name}, {}", report.heading(run));
         card(percent(error), &text);
     }
     let shape = report.runs.iter().map(|run| run.shape_error_mm);
@@ -78,10 +78,12 @@ pub fn to_html(report: &Report) -> Result<String, ChartError> {
         "largest shape error",
     );
     card(load(report.bus_load_percent()), "largest bus load");
-    card(
-        format!("{:.2}", report.realtime_factor()),
-        "robots' time / real time",
-    );
+    if report.backend == BackendName::Emulator {
+        card(
+            format!("{:.2}", report.realtime_factor()),
+            "robots' time / real time",
+        );
+    }
     out.push_str("</div>");
 
     out.push_str(&motion::animation(report));
@@ -130,7 +132,7 @@ pub fn to_html(report: &Report) -> Result<String, ChartError> {
 /// Where the numbers come from, said for the backend that made them.
 fn provenance(report: &Report) -> &'static str {
     match report.backend {
-        super::BackendName::Emulator => {
+        BackendName::Emulator => {
             "<h2>Where this comes from</h2><p>Every robot is an emulated STM32F446 that runs the \
              release image of the firmware unmodified. The master sends group twists and SYNC as \
              CAN frames over a virtual bus; the emulated timers' PWM registers drive motor \

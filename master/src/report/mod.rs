@@ -152,6 +152,16 @@ impl Report {
         }
     }
 
+    /// What heads a run's figures. Compensation is named where runs differ in it or it was left
+    /// out; it is on otherwise, and a group file without coefficients has none to name.
+    #[must_use]
+    pub fn heading(&self, run: &Run) -> String {
+        match &self.runs[..] {
+            [only] if only.compensation => "this run".into(),
+            _ => format!("compensation {}", run.compensation_word()),
+        }
+    }
+
     /// Whether the curve turns on the spot.
     #[must_use]
     pub fn turns(&self) -> bool {

@@ -130,10 +130,10 @@ pub fn animation(report: &Report) -> String {
     }
     let _ = write!(
         out,
-        "</g></g></svg><figcaption>The run with compensation {}, {:.0} s shown in {seconds:.0} s. \
+        "</g></g></svg><figcaption>{:.0} s of {} shown in {seconds:.0} s. \
          Grey: the curve; blue: where the group was.</figcaption></figure>",
-        run.compensation_word(),
-        last.t - first.t
+        last.t - first.t,
+        report.heading(run)
     );
     out
 }

@@ -15,7 +15,7 @@ pub fn to_table(report: &Report) -> String {
     let has_paper = figures::has_paper(&rows);
     let mut header = vec![String::new()];
     let runs = report.runs.iter();
-    header.extend(runs.map(|run| format!("compensation {}", run.compensation_word())));
+    header.extend(runs.map(|run| report.heading(run)));
     header.extend(has_paper.then(|| "paper, off (Table 6)".into()));
     table.set_header(header);
     for row in rows {

@@ -1,6 +1,6 @@
 //! The group's pose for `odom`, how well it is known, and the angles of its wheels.
 //!
-//! The pose is the members' own, the mean of them. It begins anew whenever the robots are
+//! The pose is the members' own, the mean of them. It starts again whenever the robots are
 //! configured; here it goes on from where it was. The covariance is that of the kinematics crate
 //! for each member's wheel rates, as the mean of independent members, and grows with the way.
 
@@ -81,7 +81,8 @@ impl Odometry {
         let dt = self.at.map_or(0.0, |before| now.t - before);
         let dt = if (0.0..GAP).contains(&dt) { dt } else { 0.0 };
         self.at = Some(now.t);
-        // Poses begin anew with a configuration, which only happens to robots that are not running.
+        // Poses start again with a configuration, which only happens to robots that are not
+        // running.
         if now.phase == SessionState::Idle {
             self.anchored = false;
         }

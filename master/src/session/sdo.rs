@@ -7,7 +7,7 @@
 
 use canopen::client::{Outcome, SdoClient, SdoError};
 use canopen::{AbortCode, Micros, NodeId};
-use protocol::{Address, Kind, OBJECTS, Value};
+use protocol::{Address, Kind, OBJECTS, RECORDS, Value};
 
 use crate::bus::link::Link;
 use crate::bus::wire::Wire;
@@ -36,6 +36,25 @@ pub fn name(address: Address) -> String {
         || format!("object {address}"),
         |object| format!("{} ({address})", object.name),
     )
+}
+
+/// The name with its record's, which distinguishes six objects called "Front left".
+#[must_use]
+pub fn full_name(address: Address) -> String {
+    let object = OBJECTS.iter().find(|object| object.address == address);
+    let name = object.map_or("", |object| object.name);
+    let record = RECORDS.iter().find(|(index, _)| *index == address.index);
+    record.map_or_else(
+        || name.to_owned(),
+        |(_, record)| format!("{record}: {name}"),
+    )
+}
+
+/// The unit of an object's value; empty for a plain number.
+#[must_use]
+pub fn unit(address: Address) -> &'static str {
+    let object = OBJECTS.iter().find(|object| object.address == address);
+    object.map_or("", |object| object.unit)
 }
 
 /// A value as people write it.

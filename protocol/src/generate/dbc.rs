@@ -1,11 +1,56 @@
 //! The PDOs of all robots as a DBC, for tools that decode recorded traffic.
 
 use core::fmt::{Result, Write};
+use core::ops::RangeInclusive;
 
 use super::scale;
-use crate::object::Kind;
-use crate::pdos::PDOS;
-use crate::{FIRST_ROBOT, Fault, LAST_ROBOT, Limit, MemberState};
+use crate::object::{Kind, Object, Value};
+use crate::pdos::{PDOS, Pdo};
+use crate::scaling::{INVALID_I16, INVALID_I24, INVALID_U8};
+use crate::{FIRST_ROBOT, Fault, LAST_ROBOT, Limit, MemberState, address};
+
+/// The nodes that a PDO has identifiers of; 0 for one that all of them receive.
+fn nodes(pdo: &Pdo) -> RangeInclusive<u8> {
+    match pdo.broadcast {
+        true => 0..=0,
+        false => FIRST_ROBOT..=LAST_ROBOT,
+    }
+}
+
+/// The name of a signal has no blanks.
+fn signal<W: Write>(out: &mut W, object: &Object) -> Result {
+    for character in object.name.chars() {
+        out.write_char(if character == ' ' { '_' } else { character })?;
+    }
+    Ok(())
+}
+
+/// The bit pattern that stands for no value, as [`crate::scaling`] writes it.
+fn invalid(object: &Object) -> Option<i32> {
+    match object.kind {
+        Kind::I16 => Some(i32::from(INVALID_I16)),
+        Kind::I24 => Some(INVALID_I24),
+        Kind::U8 if object.address == address::STATUS_SLIP => Some(i32::from(INVALID_U8)),
+        _ => None,
+    }
+}
+
+/// The lowest and the highest value, as transferred, without the pattern of an invalid one.
+fn range(object: &Object) -> [i32; 2] {
+    let [lowest, highest] = [object.min, object.max].map(|value| match value {
+        Value::I16(value) => i32::from(value),
+        Value::U8(value) => i32::from(value),
+        Value::U16(value) => i32::from(value),
+        Value::I24(value) => value,
+        // No PDO carries one of these.
+        Value::U32(_) | Value::F32(_) | Value::Domain => 0,
+    });
+    let pattern = invalid(object);
+    [
+        lowest + i32::from(pattern == Some(lowest)),
+        highest - i32::from(pattern == Some(highest)),
+    ]
+}
 
 /// Writes the DBC.
 ///
@@ -21,12 +66,7 @@ pub fn dbc<W: Write>(out: &mut W) -> Result {
     writeln!(out, "\n")?;
     for pdo in PDOS {
         let name = pdo.name;
-        let nodes = if pdo.broadcast {
-            0..=0
-        } else {
-            FIRST_ROBOT..=LAST_ROBOT
-        };
-        for node in nodes {
+        for node in nodes(pdo) {
             let id = pdo.cob_base + u16::from(node);
             match (pdo.broadcast, pdo.receive) {
                 (true, _) => writeln!(out, "BO_ {id} {name}: 8 Master")?,
@@ -40,18 +80,31 @@ pub fn dbc<W: Write>(out: &mut W) -> Result {
                     Kind::I16 | Kind::I24 | Kind::F32 => '-',
                     Kind::U8 | Kind::U16 | Kind::U32 | Kind::Domain => '+',
                 };
-                let (factor, unit) = scale(object.unit);
+                let (steps, unit) = scale(object.unit);
+                let factor = 1.0 / steps;
+                let [lowest, highest] = range(object).map(|value| f64::from(value) / steps);
                 write!(out, " SG_ ")?;
-                for character in object.name.chars() {
-                    out.write_char(if character == ' ' { '_' } else { character })?;
-                }
+                signal(out, object)?;
                 writeln!(
                     out,
-                    " : {bit}|{bits}@1{sign} ({factor},0) [0|0] \"{unit}\" Vector__XXX"
+                    " : {bit}|{bits}@1{sign} ({factor},0) [{lowest}|{highest}] \"{unit}\" \
+                     Vector__XXX"
                 )?;
                 bit += bits;
             }
             writeln!(out)?;
+        }
+    }
+    for pdo in PDOS {
+        for node in nodes(pdo) {
+            let id = pdo.cob_base + u16::from(node);
+            for object in pdo.objects() {
+                if let Some(pattern) = invalid(object) {
+                    write!(out, "VAL_ {id} ")?;
+                    signal(out, object)?;
+                    writeln!(out, " {pattern} \"Invalid\" ;")?;
+                }
+            }
         }
     }
     for node in FIRST_ROBOT..=LAST_ROBOT {

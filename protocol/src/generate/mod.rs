@@ -33,16 +33,16 @@ impl fmt::Display for Shown {
     }
 }
 
-/// What a transferred step of this unit is in SI.
-fn scale(unit: &str) -> (&'static str, &'static str) {
+/// How many transferred steps of this unit are one in SI, and the SI unit.
+fn scale(unit: &str) -> (f64, &'static str) {
     match unit {
-        "0.1 mm/s" => ("0.0001", "m/s"),
-        "0.1 mrad/s" => ("0.0001", "rad/s"),
-        "2 mrad/s" => ("0.002", "rad/s"),
-        "20 mrad/s" => ("0.02", "rad/s"),
-        "0.1 mm" => ("0.0001", "m"),
-        "0.1 mrad" => ("0.0001", "rad"),
-        "1/65535" => ("0.0000152590219", ""),
-        _ => ("1", ""),
+        "0.1 mm/s" => (10_000.0, "m/s"),
+        "0.1 mrad/s" => (10_000.0, "rad/s"),
+        "2 mrad/s" => (500.0, "rad/s"),
+        "20 mrad/s" => (50.0, "rad/s"),
+        "0.1 mm" => (10_000.0, "m"),
+        "0.1 mrad" => (10_000.0, "rad"),
+        "1/65535" => (65_535.0, ""),
+        _ => (1.0, ""),
     }
 }

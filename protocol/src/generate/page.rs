@@ -294,7 +294,7 @@ fn process_data<W: Write>(out: &mut W) -> Result {
         let mut byte = 0;
         for object in pdo.objects() {
             let last = byte + object.kind.bytes() - 1;
-            let (factor, unit) = scale(object.unit);
+            let (steps, unit) = scale(object.unit);
             if byte == last {
                 write!(out, "| {byte} ")?;
             } else {
@@ -307,10 +307,10 @@ fn process_data<W: Write>(out: &mut W) -> Result {
                 object.address,
                 object.kind.name()
             )?;
-            if object.unit.is_empty() {
-                writeln!(out, " |")?;
-            } else {
-                writeln!(out, " {factor} {unit} |")?;
+            match (object.unit, unit) {
+                ("", _) => writeln!(out, " |")?,
+                (step, "") => writeln!(out, " {step} |")?,
+                (_, unit) => writeln!(out, " {} {unit} |", 1.0 / steps)?,
             }
             byte = last + 1;
         }

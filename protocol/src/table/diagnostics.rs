@@ -103,8 +103,8 @@ records! { CAN_RECORDS:
              for. The three counts of this record are since the start; reading them, or the slcan \
              command F, clears none.";
         CABLE_NOT_SENT = 2: counter("Lost to the bus"),
-            "Frames of the cable that have not left for the CAN bus: nobody acknowledged them \
-             within 20 ms, the bus was off, or there was no room. A robot with nobody on its bus \
+            "Frames of the cable that have not left for the CAN bus: no node acknowledged them \
+             within 20 ms, the bus was off, or there was no room. A robot alone on its bus \
              follows them all the same, and counts them here.";
         CABLE_DAMAGED = 3: counter("Damaged"),
             "Times that bytes from the cable were unreadable (baud rate, noise, a line that is \

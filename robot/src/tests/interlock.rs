@@ -63,7 +63,7 @@ fn three_syncs_near_standstill_release_all_members_at_once() {
         world.step();
         assert!(all_are(&world, State::Armed) || all_are(&world, State::Moving));
     }
-    // What is too fast begins the count anew.
+    // What is too fast restarts the count.
     for twist in [
         Twist::new(0.008, 0.008, 0.0),
         Twist::new(0.0, 0.0, 0.011),
@@ -98,7 +98,7 @@ fn how_many_syncs_is_a_parameter_of_the_group() {
     assert_eq!(took, 200);
 }
 
-/// A member that is started once more begins to count anew; nobody follows a speed before it is
+/// A member that is started once more restarts its count; nobody follows a speed before it is
 /// ready.
 #[test]
 fn a_member_started_late_holds_the_others_back() {

@@ -203,7 +203,11 @@ fn a_robot_locks_itself_when_idle_and_at_every_reset() {
     let mut bench = locked();
     unlock(&mut bench, &KEY).unwrap();
     bench.pass(590_000, false);
-    assert_eq!(set_half_track(&mut bench), Ok(()), "which counts anew");
+    assert_eq!(
+        set_half_track(&mut bench),
+        Ok(()),
+        "which restarts the count"
+    );
     bench.pass(590_000, false);
     assert_eq!(bench.read(at::LOCK_STATE), 2, "which does not");
     bench.pass(12_000, false);

@@ -288,7 +288,7 @@ fn braked() -> World {
 #[test]
 fn nothing_is_followed_and_no_wheel_judged_until_the_brake_has_let_go() {
     let mut world = braked();
-    // Stopped, and started anew with a master that asks for motion as soon as the robot follows.
+    // Stopped, and started again with a master that asks for motion as soon as the robot follows.
     world.nmt(canopen::NmtCommand::EnterPreOperational, 0);
     world.run(300);
     assert_eq!(world.robots[0].outputs, Outputs::SAFE);

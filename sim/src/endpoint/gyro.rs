@@ -35,7 +35,7 @@ struct Member {
 
 fn sample_line(sample: &GyroSample, nodes: &[u8]) -> String {
     line(&Line {
-        t: sample.time_ns as f64 * 1e-9,
+        t: sample.time_ns as f64 / 1e9,
         robots: nodes
             .iter()
             .zip(&sample.rates)

@@ -58,7 +58,7 @@ impl From<Pose<f64>> for Place {
 
 fn sample_line(sample: &TruthSample) -> String {
     line(&Line {
-        t: sample.time_ns as f64 * 1e-9,
+        t: sample.time_ns as f64 / 1e9,
         group: sample.group.into(),
         robots: sample
             .robots

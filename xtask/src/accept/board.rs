@@ -71,7 +71,7 @@ impl Person {
         eprintln!("{request}, then press Enter");
         let mut line = String::new();
         if std::io::stdin().lock().read_line(&mut line)? == 0 {
-            bail!("there is nobody at the terminal to {request}");
+            bail!("this needs a person at a terminal, to {request}");
         }
         Ok(())
     }

@@ -51,7 +51,7 @@ const BROKEN: u8 = 6;
 /// Options of `cargo xtask accept`.
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// Tries an emulated board with virtual wires.
+    /// Measures an emulated board with virtual wires.
     #[arg(long, required_unless_present_any = ["bus", "wiring"], conflicts_with = "bus")]
     emulated: bool,
     /// Puts the emulated board behind an emulated serial adapter, in real time: the way to a real
@@ -62,7 +62,7 @@ pub struct Arguments {
     /// Writes a picture of the jumper wires and measures nothing.
     #[arg(long, value_name = "FILE.svg", conflicts_with_all = ["bus", "emulated"])]
     wiring: Option<PathBuf>,
-    /// Tries the board on this bus, as `--bus` of `omnibus` has it: slcan:DEVICE and so on.
+    /// Measures the board on this bus, given as for `omnibus --bus`: slcan:DEVICE and so on.
     #[arg(long, value_name = "BUS")]
     bus: Option<BusAddress>,
     /// Flashes the board with probe-rs, through the probe with this serial number or the only one;

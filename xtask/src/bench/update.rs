@@ -76,7 +76,7 @@ pub fn figures(group: &GroupFile, elf: &Path, firmware: &Firmware) -> anyhow::Re
     for robot in &robots {
         ensure!(
             robot.board(|board| board.resets()) > 0,
-            "a robot has not started anew"
+            "a robot has not restarted"
         );
     }
     Ok(vec![

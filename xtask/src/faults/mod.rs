@@ -43,8 +43,7 @@ pub struct Arguments {
     #[arg(long, value_name = "NUMBER")]
     only: Option<u8>,
     /// Pairs of causes to test: all of them with native robots and those that cut with the image,
-    /// only those that cut, which is the default, or none. Not with smart drives, which native
-    /// robots do not have.
+    /// only those that cut, which is the default, or none. Not with smart drives.
     #[arg(long, value_enum)]
     pairs: Option<Pairs>,
     /// Number of tests that run in parallel; by default the number of processors.
@@ -127,7 +126,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let smart = matches!(stage, Stage::C620);
     let pairs = match arguments.pairs {
         None | Some(Pairs::None) if smart => Pairs::None,
-        Some(_) if smart => bail!("smart drives: pairs need native robots, use --pairs none"),
+        Some(_) if smart => {
+            bail!("--pairs: pairs of causes are not tested with smart drives; give --pairs none")
+        }
         pairs => pairs.unwrap_or(Pairs::Cuts),
     };
     for robot in &mut group.robots {

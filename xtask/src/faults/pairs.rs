@@ -202,7 +202,7 @@ impl Pair<'_> {
         };
         if self.cuts() {
             // What the program had seen of a wheel is void after a standstill, so its time begins
-            // anew.
+            // again.
             let stands = both.iter().find_map(|((promise, case), at)| {
                 let at_ns = *at as f64;
                 match case.number {

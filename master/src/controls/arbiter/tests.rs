@@ -161,7 +161,7 @@ fn a_curve_goes_on_while_its_messages_come_and_does_not_come_back() {
     assert_eq!(velocity(&mut arbiter, 1461), Twist::ZERO);
     arbiter.press_curve(1470, 1, 1, circle, 1450).unwrap();
     assert_eq!(velocity(&mut arbiter, 1470), Twist::ZERO);
-    // A new press begins it anew.
+    // A new press starts it again.
     arbiter.press_curve(1480, 1, 2, circle, 1470).unwrap();
     assert!(matches!(arbiter.order(1480), Order::Curve(plan, _) if !Arc::ptr_eq(&plan, &first)));
     assert!(arbiter.succeed(1490, 2).is_err(), "it moves the group");

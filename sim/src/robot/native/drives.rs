@@ -72,7 +72,7 @@ impl SmartDrives {
         })
     }
 
-    /// Switches the robot and its drives on anew; the wheels turn as before.
+    /// Switches the robot and its drives on again; the wheels turn as before.
     pub fn restart(&mut self, robot: &group::Robot, now_ns: u64) {
         let (rates, supply) = (self.rates, self.supply);
         if let Some(fresh) = Self::new(robot, now_ns) {
