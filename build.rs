@@ -18,18 +18,24 @@ compile_error!(
     "two boards are selected, and an image is for one: with --no-default-features --features, \
      select board-nucleo-f446re or board-robomaster-c"
 );
+#[cfg(all(feature = "two-pwms", feature = "drives-c620"))]
+compile_error!(
+    "two-pwms is for bridges on board-nucleo-f446re, and drives-c620 or board-robomaster-c for \
+     smart drives: an image has one or the other"
+);
 #[cfg(all(
     feature = "self-test",
     any(
         feature = "bench",
         feature = "slot-b",
         feature = "drives-c620",
+        feature = "two-pwms",
         feature = "fixed-point"
     )
 ))]
 compile_error!(
     "self-test is an image of its own for the reference board, without a robot: it goes with none \
-     of bench, slot-b, drives-c620, fixed-point"
+     of bench, slot-b, drives-c620, two-pwms, fixed-point"
 );
 
 /// The boards: feature, and memory layout; the reference board first.
@@ -83,8 +89,8 @@ fn selected(feature: &str) -> bool {
     env::var_os(format!("CARGO_FEATURE_{name}")).is_some()
 }
 
-/// The regions of flash that an image has a part in, where the boot code is put, and whether
-/// its wheels are turned by smart drives, for what reads an image.
+/// The regions of flash that an image has a part in, where the boot code is put, and whether its
+/// wheels are turned by smart drives or by two PWMs each, for what reads an image.
 fn regions(slot: Slot) -> String {
     format!(
         "MEMORY
@@ -104,11 +110,11 @@ SECTIONS
         slots::MARK,
         slot.address(),
         slot.longest_image(),
-    ) + if selected("drives-c620") {
-        "_smart_drives = 1;\n"
-    } else {
-        "_smart_drives = 0;\n"
-    }
+    ) + &format!(
+        "_smart_drives = {};\n_two_pwms = {};\n",
+        u8::from(selected("drives-c620")),
+        u8::from(selected("two-pwms")),
+    )
 }
 
 /// Builds the boot code, a program of its own for the same processor, as `boot.bin`.

@@ -20,6 +20,8 @@ pub const DEVICE: Device = Device {
         ImageBoard::ROBOMASTER_C
     } else if cfg!(feature = "drives-c620") {
         ImageBoard::NUCLEO_F446RE_C620
+    } else if cfg!(feature = "two-pwms") {
+        ImageBoard::NUCLEO_F446RE_TWO_PWMS
     } else {
         ImageBoard::NUCLEO_F446RE
     },

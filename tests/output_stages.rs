@@ -2,7 +2,8 @@
 //! bridges without voltage, and a driver of another kind than the robot was told is found by the
 //! wheel test. What a driver makes of the board's pins is `sim::bridge`.
 //!
-//! `OMNIBUS_ELF` names the image (`cargo xtask test` builds it and says so).
+//! `OMNIBUS_ELF` names the image, `OMNIBUS_ELF_TWO_PWMS` that with two PWMs a wheel (`cargo xtask
+//! test` builds both and says so).
 
 mod common;
 
@@ -17,16 +18,23 @@ use protocol::{Kind, Value, address};
 use sim::{Backend, Crash, Options, World};
 
 /// The kinds that the reference board drives, with a driver that fits each.
-const FITTING: [(StageKind, Driver); 4] = [
+const FITTING: [(StageKind, Driver); 6] = [
     (StageKind::PwmDirection, Driver::PwmDirection),
     (StageKind::PwmDirection, Driver::PwmIn1In2),
     (StageKind::InInSlow, Driver::HalfBridges),
     (StageKind::LockedAntiphase, Driver::LockedAntiphase),
+    (StageKind::InInFast, Driver::HalfBridges),
+    (StageKind::InInBrake, Driver::HalfBridges),
 ];
 
-fn image() -> emulator::Firmware {
-    let path =
-        std::env::var("OMNIBUS_ELF").expect("OMNIBUS_ELF names the firmware's release image");
+/// The image for a kind.
+fn image(told: StageKind) -> emulator::Firmware {
+    let variable = if told.has_two_pwms() {
+        "OMNIBUS_ELF_TWO_PWMS"
+    } else {
+        "OMNIBUS_ELF"
+    };
+    let path = std::env::var(variable).unwrap_or_else(|_| panic!("{variable} names an image"));
     emulator::Firmware::load(&path).unwrap_or_else(|error| panic!("{path}: {error}"))
 }
 
@@ -34,13 +42,17 @@ fn image() -> emulator::Firmware {
 fn group(told: StageKind, driver: Driver) -> GroupFile {
     let mut group = common::group("single");
     group.robots[0].output.kind = told;
-    group.robots[0].output.enable_wired = true;
+    group.robots[0].output.enable_wired = told.needs_enable();
     group.simulation.driver = Some(driver);
     group
 }
 
 fn link(group: &GroupFile) -> SimLink {
-    let world = World::new(group, Backend::Emulator(image()), Options::default()).unwrap();
+    link_with(image(group.robots[0].output.kind), group)
+}
+
+fn link_with(image: emulator::Firmware, group: &GroupFile) -> SimLink {
+    let world = World::new(group, Backend::Emulator(image), Options::default()).unwrap();
     SimLink::new(world, "test")
 }
 
@@ -91,10 +103,26 @@ fn each_kind_drives_straight() {
     }
 }
 
+/// Robots without an image have the same kinds.
+#[test]
+fn native_robots_drive_by_two_pwms() {
+    for told in [StageKind::InInFast, StageKind::InInBrake] {
+        let group = group(told, Driver::HalfBridges);
+        let world = World::new(&group, Backend::Native, Options::default()).unwrap();
+        let mut link = SimLink::new(world, "test");
+        let mut session = driving(&mut link, &group, -0.3);
+        let robot = session.link().world.truth().robots[0];
+        let rates: [f64; 4] = robot.wheel_rates.into();
+        let want = -0.3 / 0.1524 * 1.002;
+        for got in rates {
+            assert!((got / want - 1.0).abs() < 0.01, "{told:?}: {rates:?}");
+        }
+    }
+}
+
 /// The levels of the pins that a robot without torque must have: driver enable low, and all inputs
 /// of the bridges low beside it, but for directions that only the program takes back.
 fn is_safe(board: &Board, directions_too: bool) -> bool {
-    const PWM: [(Port, u8); 4] = [(Port::A, 8), (Port::A, 9), (Port::A, 10), (Port::A, 11)];
     const DIRECTIONS: [(Port, u8); 8] = [
         (Port::C, 0),
         (Port::C, 1),
@@ -105,10 +133,28 @@ fn is_safe(board: &Board, directions_too: bool) -> bool {
         (Port::B, 5),
         (Port::D, 2),
     ];
-    let low = |(port, pin): (Port, u8)| board.output(port, pin) != PinLevel::High;
-    low((Port::B, 0))
-        && PWM.into_iter().all(low)
-        && (!directions_too || DIRECTIONS.into_iter().all(low))
+    let low = |pin| is_low(board, pin);
+    low((Port::B, 0)) && are_pwms_low(board) && (!directions_too || DIRECTIONS.into_iter().all(low))
+}
+
+fn is_low(board: &Board, (port, pin): (Port, u8)) -> bool {
+    board.output(port, pin) != PinLevel::High
+}
+
+/// Whether no input of a bridge that has a PWM is high.
+fn are_pwms_low(board: &Board) -> bool {
+    // The second four are inputs where a wheel has one PWM.
+    const PWM: [(Port, u8); 8] = [
+        (Port::A, 8),
+        (Port::A, 9),
+        (Port::A, 10),
+        (Port::A, 11),
+        (Port::C, 6),
+        (Port::C, 7),
+        (Port::C, 8),
+        (Port::C, 9),
+    ];
+    PWM.into_iter().all(|pin| is_low(board, pin))
 }
 
 /// A program that fails while it reverses, when PWM low is no safe state for most kinds: the
@@ -163,9 +209,38 @@ fn the_emergency_stop_needs_no_program() {
         let next = world.now().0 + 10;
         world.run_until(canopen::Micros(next)).unwrap();
         let robot = world.truth().robots[0];
-        assert!(!robot.drivers_enabled, "{driver:?}");
-        assert_eq!(robot.duties, [0.0; 4], "{driver:?}");
-        assert!(is_safe(world.board(2).unwrap(), false), "{driver:?}");
+        assert_eq!(robot.duties, [0.0; 4], "{told:?}");
+        let board = world.board(2).unwrap();
+        if told.has_two_pwms() {
+            // Enable and brake are the program's, and both inputs low is no voltage.
+            assert!(are_pwms_low(board), "{told:?}");
+        } else {
+            assert!(!robot.drivers_enabled, "{told:?}");
+            assert!(is_safe(board, false), "{told:?}");
+        }
+    }
+}
+
+/// Either wire of the emergency stop alone, which is that of one timer: the program cuts the other,
+/// enable and brake in its next tick.
+#[test]
+fn one_wire_of_the_stop_cuts_both_pwms_within_a_tick() {
+    for told in [StageKind::InInFast, StageKind::InInBrake] {
+        for (port, pin) in [(Port::B, 12), (Port::A, 6)] {
+            let group = group(told, Driver::HalfBridges);
+            let mut link = link(&group);
+            let mut session = driving(&mut link, &group, 0.3);
+            let world = &mut session.link().world;
+            assert!(world.truth().robots[0].duties[0] > 0.0);
+            world.board(2).unwrap().set_input(port, pin, true);
+            let next = world.now().0 + 1_100;
+            world.run_until(canopen::Micros(next)).unwrap();
+            let robot = world.truth().robots[0];
+            let what = format!("{told:?}, {port:?}{pin}");
+            assert_eq!(robot.duties, [0.0; 4], "{what}");
+            assert!(!robot.drivers_enabled && !robot.brake_released, "{what}");
+            assert!(is_safe(world.board(2).unwrap(), true), "{what}");
+        }
     }
 }
 
@@ -274,7 +349,12 @@ fn direction_and_duty_change_together() {
 
 /// What the robot says about its configuration, object 0x2002:1, with these values written.
 fn objection(values: &[(protocol::Address, Value)]) -> u32 {
-    let group = group(StageKind::PwmDirection, Driver::PwmDirection);
+    objection_of(StageKind::PwmDirection, values)
+}
+
+/// The same of the image that is for a kind.
+fn objection_of(told: StageKind, values: &[(protocol::Address, Value)]) -> u32 {
+    let group = group(told, Driver::from(told));
     let mut link = link(&group);
     let mut session = Group::connect(&mut link, &group).unwrap();
     session.configure(true).unwrap();
@@ -291,21 +371,71 @@ fn objection(values: &[(protocol::Address, Value)]) -> u32 {
 #[test]
 fn a_kind_that_cannot_be_safe_is_refused() {
     let stage = |kind| (address::OUTPUT_STAGE, Value::U8(kind));
-    let unwired = (address::ENABLE_WIRED, Value::U8(0));
+    let [unwired, wired] = [0, 1].map(|is| (address::ENABLE_WIRED, Value::U8(is)));
     let inconsistent = |at: protocol::Address| at.packed() << 8 | 2;
     for kind in [1, 3] {
-        assert_eq!(objection(&[stage(kind)]), 0);
+        assert_eq!(objection(&[stage(kind), wired]), 0);
         let wanted = inconsistent(address::ENABLE_WIRED);
         assert_eq!(objection(&[stage(kind), unwired]), wanted, "{kind}");
     }
     assert_eq!(objection(&[stage(0), unwired]), 0);
-    assert_eq!(objection(&[stage(2)]), inconsistent(address::OUTPUT_STAGE));
+    for kind in [2, 6] {
+        let wanted = inconsistent(address::OUTPUT_STAGE);
+        assert_eq!(objection(&[stage(kind)]), wanted, "{kind}");
+    }
     let pauses = (address::DUTY_MAX, Value::F32(0.95));
     assert_eq!(
-        objection(&[stage(1), pauses]),
+        objection(&[stage(1), wired, pauses]),
         inconsistent(address::DUTY_MAX)
     );
-    assert_eq!(objection(&[stage(3), pauses]), 0);
+    assert_eq!(objection(&[stage(3), wired, pauses]), 0);
+}
+
+/// The two counters run together: less than a tenth of a microsecond apart, whatever the frequency.
+#[test]
+fn both_pwms_begin_their_pulses_together() {
+    /// RM0390 rev 6, table 1 and 17.4.10.
+    const COUNTERS: [u32; 2] = [0x4001_0024, 0x4001_0424];
+    const PER_US: i64 = 180;
+    for hz in [8_000, 20_000, 40_000] {
+        let mut group = group(StageKind::InInFast, Driver::HalfBridges);
+        group.robots[0].output.pwm_frequency = hz;
+        let mut link = link(&group);
+        let mut session = driving(&mut link, &group, 0.3);
+        let board = session.link().world.board(2).unwrap();
+        let period = 1_000_000 * PER_US / i64::from(hz);
+        let mut seen = Vec::new();
+        for _ in 0..20 {
+            let next = board.now_ns() + 1_237;
+            board.run_until(next).unwrap();
+            let [first, second] = COUNTERS.map(|at| i64::from(board.read_register(at)));
+            let apart = (first - second).rem_euclid(period);
+            assert!(apart < PER_US / 10, "{hz} Hz: {first}, {second}");
+            seen.push(first);
+        }
+        assert!(seen.iter().any(|count| *count != seen[0]), "it counts");
+    }
+}
+
+/// With two PWMs a wheel both low is safe, so that no enable has to be wired, and there is no
+/// direction for the others.
+#[test]
+fn two_pwms_are_safe_without_an_enable_and_nothing_else() {
+    let of = |values: &[_]| objection_of(StageKind::InInFast, values);
+    let stage = |kind| (address::OUTPUT_STAGE, Value::U8(kind));
+    let unwired = (address::ENABLE_WIRED, Value::U8(0));
+    let inconsistent = |at: protocol::Address| at.packed() << 8 | 2;
+    for kind in [2, 6] {
+        assert_eq!(of(&[stage(kind), unwired]), 0, "{kind}");
+    }
+    for kind in [0, 1, 3, 4] {
+        let wanted = inconsistent(address::OUTPUT_STAGE);
+        assert_eq!(of(&[stage(kind)]), wanted, "{kind}");
+    }
+    // Both high between the pulses keeps high sides on.
+    let pauses = (address::DUTY_MAX, Value::F32(0.95));
+    assert_eq!(of(&[stage(2), pauses]), 0);
+    assert_eq!(of(&[stage(6), pauses]), inconsistent(address::DUTY_MAX));
 }
 
 /// While it is OPERATIONAL nothing changes its kind.
@@ -339,6 +469,8 @@ fn the_wheel_test_names_a_driver_of_another_kind() {
         StageKind::PwmDirection,
         StageKind::InInSlow,
         StageKind::LockedAntiphase,
+        StageKind::InInFast,
+        StageKind::InInBrake,
     ] {
         for driver in [
             Driver::PwmDirection,
@@ -354,6 +486,13 @@ fn the_wheel_test_names_a_driver_of_another_kind() {
                 .collect();
             if FITTING.contains(&(told, driver)) {
                 assert_eq!((findings.len(), &problems[..]), (4, &[][..]), "{what}");
+            } else if (told, driver) == (StageKind::InInFast, Driver::PwmIn1In2) {
+                // Nothing is wired to its second direction, so it never drives.
+                let silent = |problem: &&str| problem.contains("no encoder counts");
+                assert!(
+                    problems.len() == 4 && problems.iter().all(silent),
+                    "{what}: {problems:?}"
+                );
             } else {
                 let [problem] = problems[..] else {
                     panic!("{what}: {problems:?}")

@@ -57,6 +57,8 @@ impl Board {
     /// NUCLEO-F446RE whose wheels are turned by smart drives: its image is another one, and would
     /// move nothing, or the wrong pins, on a robot with bridges.
     pub const NUCLEO_F446RE_C620: Self = Self(3);
+    /// NUCLEO-F446RE with two PWMs a wheel, whose encoder and switches are at other pins.
+    pub const NUCLEO_F446RE_TWO_PWMS: Self = Self(4);
 
     /// The firmware's features that make its image.
     #[must_use]
@@ -65,6 +67,7 @@ impl Board {
             Self::NUCLEO_F446RE => "board-nucleo-f446re",
             Self::ROBOMASTER_C => "board-robomaster-c",
             Self::NUCLEO_F446RE_C620 => "board-nucleo-f446re, drives-c620",
+            Self::NUCLEO_F446RE_TWO_PWMS => "board-nucleo-f446re, two-pwms",
             Self(_) => "an unknown board",
         }
     }

@@ -11,20 +11,28 @@
 //! | IN/IN, slow decay | PWM `u`, direction low | PWM `1 + u`, direction high | both inputs equal |
 //! | locked antiphase | PWM `(1 + u) / 2` | the same | PWM high for half the period |
 //!
-//! All three are one formula: a base, from which so many clocks are counted up or down. [`Pattern`]
+//! With two PWMs a wheel the second takes the direction's place:
+//!
+//! | kind | forward and still, `u >= 0` | backward, `u < 0` | no voltage |
+//! |---|---|---|---|
+//! | IN/IN, fast decay | IN1 `u`, IN2 low | IN1 low, IN2 `-u` | both low |
+//! | IN/IN, brake between | IN1 high, IN2 `1 - u` | IN1 `1 + u`, IN2 high | both high |
+//!
+//! All are one formula: a base, from which so many clocks are counted up or down. [`Pattern`]
 //! holds base and way for either direction, worked out when the robot is configured, so a control
-//! tick takes the same instructions for every kind.
+//! tick takes the same instructions for every kind. Of two PWMs one is at what no duty gives.
 //!
 //! # Interface
 //!
 //! In each tick the board calls [`Pattern::high`] and [`Pattern::back`] for each wheel, and
-//! [`Pattern::direction`] for each port. A duty that is not a number gives no voltage in any kind.
+//! [`Pattern::direction`] for each port; with two PWMs a wheel, [`Pattern::pair`] alone. A duty
+//! that is not a number gives no voltage in any kind.
 //!
 //! # Limits
 //!
 //! The voltage is duty times supply only where the bridge shorts the motor while it does not drive
-//! it. IN/IN bridges that coast when both inputs are low need a second PWM
-//! ([`OutputStage::FastDecay`]), which no board has.
+//! it. IN/IN bridges that coast when both inputs are low need a second PWM, and the kind that has
+//! both high in between ([`OutputStage::BrakeBetween`]).
 
 use crate::smart_drive::frames::Model;
 
@@ -38,7 +46,7 @@ pub enum OutputStage {
     PwmDirection = 0,
     /// PWM on IN1, direction on IN2; both inputs equal short the motor.
     SlowDecay = 1,
-    /// PWM on one input and the other low, for either direction.
+    /// Two PWMs: on one input by direction, and the other low.
     FastDecay = 2,
     /// High drives forward, low drives backward.
     LockedAntiphase = 3,
@@ -46,6 +54,9 @@ pub enum OutputStage {
     C620 = 4,
     /// The same with C610 drives.
     C610 = 5,
+    /// Two PWMs: one input high by direction, the other low while the motor is driven; both high
+    /// short it.
+    BrakeBetween = 6,
 }
 
 impl OutputStage {
@@ -58,6 +69,7 @@ impl OutputStage {
             3 => Self::LockedAntiphase,
             4 => Self::C620,
             5 => Self::C610,
+            6 => Self::BrakeBetween,
             _ => Self::PwmDirection,
         }
     }
@@ -68,8 +80,18 @@ impl OutputStage {
         match self {
             Self::C620 => Some(Model::C620),
             Self::C610 => Some(Model::C610),
-            Self::PwmDirection | Self::SlowDecay | Self::FastDecay | Self::LockedAntiphase => None,
+            Self::PwmDirection
+            | Self::SlowDecay
+            | Self::FastDecay
+            | Self::LockedAntiphase
+            | Self::BrakeBetween => None,
         }
+    }
+
+    /// Whether it needs two PWMs a wheel. Then all outputs low is no voltage at any time.
+    #[must_use]
+    pub const fn has_two_pwms(self) -> bool {
+        matches!(self, Self::FastDecay | Self::BrakeBetween)
     }
 
     /// Its bit in a mask of kinds.
@@ -113,6 +135,7 @@ impl Pattern {
             OutputStage::PwmDirection | OutputStage::FastDecay => (period, [up(0), up(0)], 0),
             OutputStage::SlowDecay => (period, [up(0), down(clocks)], 16),
             OutputStage::LockedAntiphase => (period / 2, [up(clocks / 2), down(clocks / 2)], 0),
+            OutputStage::BrakeBetween => (period, [down(clocks), down(clocks)], 0),
             // The PWM stays low.
             OutputStage::C620 | OutputStage::C610 => (0, [up(0), up(0)], 0),
         };
@@ -139,6 +162,21 @@ impl Pattern {
         let [ahead, back] = &self.halves;
         let half = if Self::back(duty) == 0 { ahead } else { back };
         (clocks ^ half.flip).wrapping_add(half.base)
+    }
+
+    /// Timer clocks for which the first and the second PWM of a wheel are high, in a kind with two.
+    #[inline(always)]
+    #[must_use]
+    pub fn pair(&self, duty: f32) -> [u32; 2] {
+        let [ahead, _] = &self.halves;
+        let (still, driven) = (ahead.flip.wrapping_add(ahead.base), self.high(duty));
+        // Which input is driven low is the opposite of which is driven high.
+        let is_first = (Self::back(duty) == 0) == (ahead.flip == 0);
+        if is_first {
+            [driven, still]
+        } else {
+            [still, driven]
+        }
     }
 
     /// By how many bits a word that sets a direction output is shifted, so that it resets it where
@@ -178,7 +216,8 @@ mod tests {
     fn voltage(stage: OutputStage, duty: f32) -> f32 {
         let (pwm, high) = levels(stage, duty);
         match stage {
-            OutputStage::PwmDirection | OutputStage::FastDecay => {
+            OutputStage::FastDecay => unreachable!("it has two PWMs"),
+            OutputStage::PwmDirection => {
                 if high {
                     pwm
                 } else {
@@ -189,6 +228,7 @@ mod tests {
             OutputStage::SlowDecay => pwm - if high { 1.0 } else { 0.0 },
             OutputStage::LockedAntiphase => 2.0 * pwm - 1.0,
             OutputStage::C620 | OutputStage::C610 => 0.0,
+            OutputStage::BrakeBetween => unreachable!("it has two PWMs"),
         }
     }
 
@@ -220,6 +260,37 @@ mod tests {
         }
     }
 
+    /// Two half bridges, each of which follows its input: the difference of the two is the voltage.
+    /// One of them never changes: low with fast decay, which is a level that a cut has, too; high
+    /// with the other, so that both are never low at once.
+    #[test]
+    fn two_pwms_differ_by_the_duty_and_one_of_them_stands() {
+        let clocks = u32::from(PERIOD);
+        for (stage, still) in [
+            (OutputStage::FastDecay, 0),
+            (OutputStage::BrakeBetween, clocks),
+        ] {
+            let pattern = Pattern::new(stage, PERIOD);
+            for step in -120_i8..=120 {
+                let duty = f32::from(step) / 100.0;
+                let [first, second] = pattern.pair(duty);
+                let got = (first as f32 - second as f32) / f32::from(PERIOD);
+                let want = duty.clamp(-1.0, 1.0);
+                assert!((got - want).abs() <= CLOCK, "{stage:?} {duty}: {got}");
+                assert!(first.max(second) <= clocks, "{stage:?} {duty}");
+                let stands = if (duty < 0.0) == (still == 0) {
+                    first
+                } else {
+                    second
+                };
+                assert_eq!(stands, still, "{stage:?} {duty}");
+            }
+            for duty in [0.0, -0.0, f32::NAN, -f32::NAN] {
+                assert_eq!(pattern.pair(duty), [still; 2], "{stage:?} {duty}");
+            }
+        }
+    }
+
     #[test]
     fn numbers_are_those_of_the_object() {
         for (number, stage) in (0..).zip([
@@ -227,6 +298,9 @@ mod tests {
             OutputStage::SlowDecay,
             OutputStage::FastDecay,
             OutputStage::LockedAntiphase,
+            OutputStage::C620,
+            OutputStage::C610,
+            OutputStage::BrakeBetween,
         ]) {
             assert_eq!(OutputStage::from_number(number), stage);
             assert_eq!(stage.bit(), 1 << number);

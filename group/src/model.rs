@@ -238,16 +238,34 @@ pub enum StageKind {
     C620 = 4,
     /// RoboMaster C610 drives on a CAN bus of their own.
     C610 = 5,
+    /// PWM on one input, the other high; needs two PWMs a wheel.
+    InInBrake = 6,
 }
 
 impl StageKind {
+    /// Whether it needs an image with two PWMs a wheel.
+    #[must_use]
+    pub const fn has_two_pwms(self) -> bool {
+        matches!(self, Self::InInFast | Self::InInBrake)
+    }
+
+    /// Whether it has no safe state but by the drivers' enable.
+    #[must_use]
+    pub const fn needs_enable(self) -> bool {
+        matches!(self, Self::InInSlow | Self::LockedAntiphase)
+    }
+
     /// The largest current that a smart drive of this kind can be told, A; `None` for a bridge.
     #[must_use]
     pub const fn drive_current(self) -> Option<f32> {
         match self {
             Self::C620 => Some(20.0),
             Self::C610 => Some(10.0),
-            Self::PwmDirection | Self::InInSlow | Self::InInFast | Self::LockedAntiphase => None,
+            Self::PwmDirection
+            | Self::InInSlow
+            | Self::InInFast
+            | Self::LockedAntiphase
+            | Self::InInBrake => None,
         }
     }
 }
@@ -257,7 +275,7 @@ impl From<StageKind> for Driver {
         match kind {
             // The outputs for bridges are low with smart drives; nothing is wired to them.
             StageKind::PwmDirection | StageKind::C620 | StageKind::C610 => Self::PwmDirection,
-            StageKind::InInSlow | StageKind::InInFast => Self::HalfBridges,
+            StageKind::InInSlow | StageKind::InInFast | StageKind::InInBrake => Self::HalfBridges,
             StageKind::LockedAntiphase => Self::LockedAntiphase,
         }
     }

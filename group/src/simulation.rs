@@ -34,7 +34,8 @@ pub struct Simulation {
     pub contact: Contact,
 }
 
-/// What a motor driver makes of its inputs: a PWM, a direction, and the direction's inverse.
+/// What a motor driver makes of its inputs: a PWM, a direction or a second PWM, and the
+/// direction's inverse.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Driver {
@@ -43,8 +44,8 @@ pub enum Driver {
     PwmDirection,
     /// PWM with IN1 (direction) and IN2 (its inverse), as TB6612: equal inputs do not drive.
     PwmIn1In2,
-    /// A half bridge on the PWM and one on the direction, as BTS7960: each output follows its
-    /// input.
+    /// A half bridge on the PWM and one on the direction or the second PWM, as BTS7960: each output
+    /// follows its input.
     HalfBridges,
     /// The whole voltage in one direction while the PWM is high, in the other while it is low.
     LockedAntiphase,

@@ -191,7 +191,8 @@ fn the_kind_of_motor_driver_is_written_with_its_default() {
         ("", 0, 0),
         ("enable_wired = true", 0, 1),
         ("output_stage = \"in-in-slow\"\nenable_wired = true", 1, 1),
-        ("output_stage = \"in-in-fast\"\nenable_wired = true", 2, 1),
+        ("output_stage = \"in-in-fast\"", 2, 0),
+        ("output_stage = \"in-in-brake\"", 6, 0),
         (
             "output_stage = \"locked-antiphase\"\nenable_wired = true",
             3,

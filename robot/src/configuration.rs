@@ -384,20 +384,22 @@ fn current(parameters: &Parameters) -> Result<Option<CurrentConfiguration>, Conf
     }))
 }
 
-/// The kind of bridges: one that the board can drive, whose safe state is wired, and that stands
-/// what it does. One input of a slow-decay bridge is high as long as it reverses, so a high side
-/// that needs pauses (0x2027:1) gets none.
+/// The kind of bridges: one that the board can drive, whose safe state is wired where all outputs
+/// low is none, and that stands what it does. One input of a slow-decay bridge is high as long as
+/// it reverses, and of one that brakes in between always one, so a high side that needs pauses
+/// (0x2027:1) gets none.
 fn output_stage(parameters: &Parameters, known: u8) -> Result<OutputStage, ConfigurationError> {
     let stage = OutputStage::from_number(parameters.unsigned(at::OUTPUT_STAGE));
     let bad = |address| Err(ConfigurationError::Inconsistent(address));
     if stage.bit() & known == 0 {
         return bad(at::OUTPUT_STAGE);
     }
-    let is_switched = stage.smart_drive().is_none() && stage != OutputStage::PwmDirection;
-    if is_switched && parameters.unsigned(at::ENABLE_WIRED) == 0 {
+    let needs_enable = matches!(stage, OutputStage::SlowDecay | OutputStage::LockedAntiphase);
+    if needs_enable && parameters.unsigned(at::ENABLE_WIRED) == 0 {
         return bad(at::ENABLE_WIRED);
     }
-    if stage == OutputStage::SlowDecay && parameters.real(at::DUTY_MAX) < 1.0 {
+    let keeps_high = matches!(stage, OutputStage::SlowDecay | OutputStage::BrakeBetween);
+    if keeps_high && parameters.real(at::DUTY_MAX) < 1.0 {
         return bad(at::DUTY_MAX);
     }
     Ok(stage)

@@ -46,6 +46,9 @@ impl Identity {
         | OutputStage::SlowDecay.bit()
         | OutputStage::LockedAntiphase.bit();
 
+    /// The kinds of bridges that a board drives with two PWMs a wheel.
+    pub const TWO_PWMS: u8 = OutputStage::FastDecay.bit() | OutputStage::BrakeBetween.bit();
+
     /// The kinds that an image for smart drives has.
     pub const SMART: u8 = OutputStage::C620.bit() | OutputStage::C610.bit();
 

@@ -26,8 +26,9 @@ pub struct Levels {
     pub enabled: bool,
     /// Share of the time for which the PWM is high, 0..=1.
     pub pwm: f64,
-    /// Direction.
-    pub direction: bool,
+    /// Share of the time for which the direction is high, or the second PWM, 0..=1; both PWMs begin
+    /// their pulses together.
+    pub direction: f64,
     /// The output beside it, which has the opposite level while the drivers are enabled.
     pub inverse: bool,
 }
@@ -35,18 +36,26 @@ pub struct Levels {
 /// The levels for a duty (-1..=1) with a kind of driver.
 #[must_use]
 pub fn levels(stage: OutputStage, duty: f64, enabled: bool) -> Levels {
+    if !enabled {
+        return Levels::default();
+    }
     let backward = duty < 0.0;
+    let (ahead, back) = (duty.max(0.0), (-duty).max(0.0));
+    let level = |high: bool| f64::from(u8::from(high));
     let (pwm, direction) = match stage {
-        OutputStage::PwmDirection | OutputStage::FastDecay => (duty.abs(), !backward),
-        OutputStage::SlowDecay => (if backward { 1.0 + duty } else { duty }, backward),
-        OutputStage::LockedAntiphase => (0.5 + 0.5 * duty, !backward),
-        OutputStage::C620 | OutputStage::C610 => (0.0, true),
+        OutputStage::PwmDirection => (duty.abs(), level(!backward)),
+        OutputStage::SlowDecay => (if backward { 1.0 + duty } else { duty }, level(backward)),
+        OutputStage::FastDecay => (ahead, back),
+        OutputStage::BrakeBetween => (1.0 - back, 1.0 - ahead),
+        OutputStage::LockedAntiphase => (0.5 + 0.5 * duty, level(!backward)),
+        OutputStage::C620 | OutputStage::C610 => (0.0, 1.0),
     };
     Levels {
         enabled,
-        pwm: if enabled { pwm } else { 0.0 },
-        direction: enabled && direction,
-        inverse: enabled && !direction,
+        pwm,
+        direction,
+        // The pins of the opposites are others' where there are two PWMs.
+        inverse: !stage.has_two_pwms() && direction == 0.0,
     }
 }
 
@@ -65,14 +74,15 @@ pub fn output(driver: Driver, levels: &Levels) -> Option<f64> {
     }
     let toward = |forward: bool| if forward { pwm } else { -pwm };
     match driver {
-        Driver::PwmDirection => Some(toward(direction)),
-        Driver::PwmIn1In2 => match (direction, inverse) {
+        // Backward for what is left of its pulse when the direction has become low.
+        Driver::PwmDirection => Some(2.0 * pwm.min(direction) - pwm),
+        Driver::PwmIn1In2 => match (direction > 0.0, inverse) {
             // TB6612FNG, "H-SW control function": both high is a brake, both low is off.
             (true, true) => Some(0.0),
             (false, false) => None,
             (forward, _) => Some(toward(forward)),
         },
-        Driver::HalfBridges => Some(pwm - f64::from(u8::from(direction))),
+        Driver::HalfBridges => Some(pwm - direction),
         Driver::LockedAntiphase => Some(2.0 * pwm - 1.0),
     }
 }
@@ -94,6 +104,8 @@ mod tests {
             (OutputStage::PwmDirection, Driver::PwmIn1In2),
             (OutputStage::SlowDecay, Driver::HalfBridges),
             (OutputStage::LockedAntiphase, Driver::LockedAntiphase),
+            (OutputStage::FastDecay, Driver::HalfBridges),
+            (OutputStage::BrakeBetween, Driver::HalfBridges),
         ] {
             for (got, want) in made_by(stage, driver).into_iter().zip(DUTIES) {
                 assert!(
@@ -122,6 +134,13 @@ mod tests {
         assert_eq!(at(antiphase, Driver::PwmDirection, 0.0), Some(0.5));
         assert_eq!(at(antiphase, Driver::PwmDirection, 0.5), Some(0.75));
         assert_eq!(at(antiphase, Driver::HalfBridges, 0.0), Some(-0.5));
+        // A second PWM where the direction should be: reverse does nothing, or all of both is
+        // forward at no duty.
+        let (fast, brake) = (OutputStage::FastDecay, OutputStage::BrakeBetween);
+        assert_eq!(at(fast, Driver::PwmDirection, 0.5), Some(-0.5));
+        assert_eq!(at(fast, Driver::PwmDirection, -0.5), Some(0.0));
+        assert_eq!(at(brake, Driver::PwmDirection, 0.0), Some(1.0));
+        assert_eq!(at(fast, Driver::LockedAntiphase, 0.0), Some(-1.0));
     }
 
     #[test]
@@ -134,7 +153,7 @@ mod tests {
         ] {
             let levels = Levels {
                 pwm: 1.0,
-                direction: true,
+                direction: 1.0,
                 ..Levels::default()
             };
             assert_eq!(output(driver, &levels), None);

@@ -29,6 +29,23 @@
 //! opposite and an encoder's otherwise, so an image has one or the other. Opposites, encoders and
 //! indexes are not used then; PWM and directions stay low.
 //!
+//! # Two PWMs a wheel
+//!
+//! With the feature `two-pwms` each wheel has two PWMs, for bridges with IN1 and IN2. TIM8 makes
+//! the second one on pins of an encoder and of switches, which move to pins of directions. Nothing
+//! else changes place:
+//!
+//! | function with two PWMs | peripheral | pins |
+//! |---|---|---|
+//! | IN1: PWM forward, front left, front right, rear left, rear right | TIM1 CH1..4 | PA8 PA9 PA10 PA11 |
+//! | IN2: PWM backward, same order | TIM8 CH1..4 | PC6 PC7 PC8 PC9 |
+//! | encoder of the front right wheel | TIM3 | PB4/PB5 |
+//! | node id switches, closed to ground is 1 | GPIO | PC0 (bit 0) PC1 PC10 PC11 |
+//!
+//! Driver enable (PB0) and brake (PB1) are outputs of the port then: TIM8's channels 2 and 3 are
+//! needed, and a channel has one reference. The break inputs make both inputs of every bridge low
+//! without the program; driver enable and brake follow in the next control tick.
+//!
 //! # Sources
 //!
 //! UM1724 rev 15 (board), RM0390 rev 6 (chip), DS10693 rev 10 (alternate functions).
@@ -37,8 +54,24 @@ use super::stm32f4::pin::{pin, pins};
 use super::stm32f4::wiring::{Analog, Can, Clocks, Encoder, Serial, Wiring};
 
 /// Pins and clocks of this board.
-#[cfg(not(feature = "drives-c620"))]
+#[cfg(not(any(feature = "drives-c620", feature = "two-pwms")))]
 pub const WIRING: Wiring = BRIDGES;
+
+/// The same with two PWMs a wheel.
+#[cfg(feature = "two-pwms")]
+pub const WIRING: Wiring = Wiring {
+    second_pwm: Some(pins(["PC6", "PC7", "PC8", "PC9"])),
+    direction: None,
+    inverse: None,
+    encoders: [
+        BRIDGES.encoders[0],
+        encoder(3, ["PB4", "PB5"]),
+        BRIDGES.encoders[2],
+        BRIDGES.encoders[3],
+    ],
+    node_switches: &pins(["PC0", "PC1", "PC10", "PC11"]),
+    ..BRIDGES
+};
 
 /// The same with smart drives.
 #[cfg(feature = "drives-c620")]
@@ -64,7 +97,8 @@ const BRIDGES: Wiring = Wiring {
         multiply_by: 180,
     },
     pwm: pins(["PA8", "PA9", "PA10", "PA11"]),
-    direction: pins(["PC0", "PC1", "PC2", "PC3"]),
+    second_pwm: None,
+    direction: Some(pins(["PC0", "PC1", "PC2", "PC3"])),
     inverse: Some(pins(["PB2", "PB4", "PB5", "PD2"])),
     encoders: [
         encoder(2, ["PA15", "PB3"]),

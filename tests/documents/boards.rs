@@ -49,11 +49,18 @@ const FUNCTIONS: [(&str, &str); 15] = [
 /// Pins by function, from the first table whose head says `function`; `column` holds the pins.
 /// Rows of one function add up, in their order.
 fn pin_table(text: &str, column: usize) -> BTreeMap<&'static str, Vec<String>> {
+    let table = pin_table_of("| function |", text, column);
+    assert!(table.len() >= 10, "a table with few functions: {table:?}");
+    table
+}
+
+/// The same from the first table whose head begins like this.
+fn pin_table_of(head: &str, text: &str, column: usize) -> BTreeMap<&'static str, Vec<String>> {
     let mut table = BTreeMap::new();
     let rows = text
         .lines()
         .map(|line| line.trim_start_matches("//! "))
-        .skip_while(|line| !line.starts_with("| function"))
+        .skip_while(|line| !line.starts_with(head))
         .take_while(|line| line.starts_with('|'))
         .skip(2);
     for row in rows {
@@ -66,8 +73,26 @@ fn pin_table(text: &str, column: usize) -> BTreeMap<&'static str, Vec<String>> {
             .or_insert_with(Vec::new)
             .extend(pins(cells[column]));
     }
-    assert!(table.len() >= 10, "a table with few functions: {table:?}");
     table
+}
+
+/// What an image with two PWMs a wheel has elsewhere: in the code, at the head of the board's file
+/// and in the page.
+#[test]
+fn pins_with_two_pwms_are_those_of_the_board() {
+    let head = "| function with two PWMs |";
+    let board = read(BOARD);
+    let table = pin_table_of(head, &board, 2);
+    assert_eq!(pin_table_of(head, &read("docs/bring-up.md"), 1), table);
+    let (_, code) = board.split_once("#[cfg(feature = \"two-pwms\")]").unwrap();
+    let (code, _) = code.split_once("..BRIDGES").unwrap();
+    let mut in_table: Vec<String> = table.into_values().flatten().collect();
+    // The first four are those of the other images.
+    in_table.retain(|pin| !pin.starts_with("PA"));
+    let mut in_code = pins(code);
+    in_table.sort();
+    in_code.sort();
+    assert_eq!(in_code, in_table);
 }
 
 #[test]

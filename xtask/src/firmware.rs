@@ -62,6 +62,42 @@ impl From<group::Board> for Board {
     }
 }
 
+/// What turns the wheels, as far as it takes an image of its own.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub enum Wheels {
+    /// Bridges with one PWM a wheel.
+    #[default]
+    Bridges,
+    /// Bridges with two PWMs a wheel.
+    TwoPwms,
+    /// Smart drives.
+    SmartDrives,
+}
+
+impl Wheels {
+    /// Feature that a board needs beside its own.
+    fn feature(self, board: Board) -> anyhow::Result<Option<&'static str>> {
+        Ok(match (board, self) {
+            (Board::NucleoF446re, Self::Bridges) | (Board::RobomasterC, Self::SmartDrives) => None,
+            (Board::NucleoF446re, Self::TwoPwms) => Some("two-pwms"),
+            (Board::NucleoF446re, Self::SmartDrives) => Some("drives-c620"),
+            (Board::RobomasterC, _) => bail!("a robomaster-c drives by smart drives only"),
+        })
+    }
+}
+
+impl From<group::StageKind> for Wheels {
+    fn from(kind: group::StageKind) -> Self {
+        if kind.drive_current().is_some() {
+            Self::SmartDrives
+        } else if kind.has_two_pwms() {
+            Self::TwoPwms
+        } else {
+            Self::Bridges
+        }
+    }
+}
+
 /// Builds the release image for the board and returns its path.
 pub fn build(scalar: Scalar) -> anyhow::Result<PathBuf> {
     match scalar {
@@ -87,21 +123,14 @@ pub fn build_self_test() -> anyhow::Result<PathBuf> {
 }
 
 /// Builds the image for the second slot, which has no boot code.
-pub fn build_slot_b(board: Board, smart: bool) -> anyhow::Result<PathBuf> {
-    let drives = match board {
-        Board::NucleoF446re if smart => ",drives-c620",
-        Board::NucleoF446re | Board::RobomasterC => "",
-    };
+pub fn build_slot_b(board: Board, wheels: Wheels) -> anyhow::Result<PathBuf> {
+    let wheels = wheels.feature(board)?;
     build_variant(|command| {
-        let features = format!("{},slot-b{drives}", board.feature());
-        command.args(["--no-default-features", "--features", &features]);
-    })
-}
-
-/// Builds the reference board's image for smart drives.
-pub fn build_for_drives() -> anyhow::Result<PathBuf> {
-    build_variant(|command| {
-        command.args(["--features", "drives-c620"]);
+        command.args(["--no-default-features", "--features", board.feature()]);
+        let others = ["slot-b"].into_iter().chain(wheels);
+        others.for_each(|feature| {
+            command.args(["--features", feature]);
+        });
     })
 }
 
@@ -136,10 +165,16 @@ pub fn build_all_boards() -> anyhow::Result<()> {
     for board in Board::ALL {
         build_for(board)?;
     }
-    build_for_drives()?;
+    for wheels in [Wheels::TwoPwms, Wheels::SmartDrives] {
+        build_with(Board::NucleoF446re, wheels)?;
+    }
     let two = ["--features", Board::RobomasterC.feature()];
     refuse("two boards are selected", &two)?;
     refuse("self-test is an image", &["--features", "self-test,bench"])?;
+    refuse(
+        "two-pwms is for bridges",
+        &["--features", "two-pwms,drives-c620"],
+    )?;
     let none = ["--no-default-features", "--target", cargo::TARGET];
     refuse("0 boards are selected", &none)?;
     println!(
@@ -172,12 +207,13 @@ fn refuse(error: &str, features: &[&str]) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Builds the release image for a board whose wheels are turned by smart drives or by bridges.
-pub fn build_with(board: Board, smart: bool) -> anyhow::Result<PathBuf> {
-    match (board, smart) {
-        (Board::NucleoF446re, true) => build_for_drives(),
-        (Board::RobomasterC, false) => bail!("a robomaster-c drives by smart drives only"),
-        (board, _) => build_for(board),
+/// Builds the release image for a board and what turns the wheels.
+pub fn build_with(board: Board, wheels: Wheels) -> anyhow::Result<PathBuf> {
+    match wheels.feature(board)? {
+        Some(feature) => build_variant(|command| {
+            command.args(["--features", feature]);
+        }),
+        None => build_for(board),
     }
 }
 
@@ -192,13 +228,17 @@ pub fn build_for_group(group: &group::GroupFile, folder: &Path) -> anyhow::Resul
         .with_context(|| format!("cannot create {}", folder.display()))?;
     for robot in &group.robots {
         let board = Board::from(robot.board);
-        let smart = robot.output.kind.drive_current().is_some();
-        let drives = if smart { "drives" } else { "bridges" };
-        let to = folder.join(format!("{}-{drives}.elf", board.feature()));
+        let wheels = Wheels::from(robot.output.kind);
+        let name = match wheels {
+            Wheels::Bridges => "bridges",
+            Wheels::TwoPwms => "two-pwms",
+            Wheels::SmartDrives => "drives",
+        };
+        let to = folder.join(format!("{}-{name}.elf", board.feature()));
         if to.exists() {
             continue;
         }
-        let elf = build_with(board, smart).with_context(|| format!("node {}", robot.node))?;
+        let elf = build_with(board, wheels).with_context(|| format!("node {}", robot.node))?;
         std::fs::copy(&elf, &to).with_context(|| format!("cannot write {}", to.display()))?;
     }
     Ok(())

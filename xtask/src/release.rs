@@ -7,7 +7,7 @@ use anyhow::{Context as _, bail, ensure};
 use boot::header::{Board, Header, Link};
 use boot::{Crypto as _, Slot, Software, key, release};
 
-use crate::firmware;
+use crate::firmware::{self, Wheels};
 
 /// Options of `cargo xtask release`.
 #[derive(clap::Args)]
@@ -28,22 +28,26 @@ pub struct Arguments {
     /// For robots with smart drives; implied by a board that has no other drivers.
     #[arg(long)]
     smart_drives: bool,
+    /// For robots with two PWMs a wheel.
+    #[arg(long, conflicts_with = "smart_drives")]
+    two_pwms: bool,
 }
 
 /// Robots that take the same image.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 struct Robots {
     board: firmware::Board,
-    smart_drives: bool,
+    wheels: Wheels,
 }
 
 impl Robots {
     /// As the header has them.
     const fn in_header(self) -> Board {
-        match self.board {
-            firmware::Board::NucleoF446re if self.smart_drives => Board::NUCLEO_F446RE_C620,
-            firmware::Board::NucleoF446re => Board::NUCLEO_F446RE,
-            firmware::Board::RobomasterC => Board::ROBOMASTER_C,
+        match (self.board, self.wheels) {
+            (firmware::Board::NucleoF446re, Wheels::Bridges) => Board::NUCLEO_F446RE,
+            (firmware::Board::NucleoF446re, Wheels::TwoPwms) => Board::NUCLEO_F446RE_TWO_PWMS,
+            (firmware::Board::NucleoF446re, Wheels::SmartDrives) => Board::NUCLEO_F446RE_C620,
+            (firmware::Board::RobomasterC, _) => Board::ROBOMASTER_C,
         }
     }
 }
@@ -66,11 +70,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     check_pair(&private, arguments.development)?;
     let robots = Robots {
         board: arguments.board,
-        smart_drives: arguments.smart_drives,
+        wheels: match arguments.board {
+            _ if arguments.two_pwms => Wheels::TwoPwms,
+            firmware::Board::NucleoF446re if !arguments.smart_drives => Wheels::Bridges,
+            // Board C has smart drives anyway.
+            _ => Wheels::SmartDrives,
+        },
     };
-    // Board C has smart drives anyway.
-    let smart = robots.in_header() != Board::NUCLEO_F446RE;
-    let slot_a = firmware::build_with(robots.board, smart)?;
+    let slot_a = firmware::build_with(robots.board, robots.wheels)?;
     let Release {
         header,
         signed,
@@ -112,7 +119,7 @@ struct Release {
 /// Builds the image for slot B and signs it with that for slot A.
 fn sign(private: &[u8; 32], robots: Robots, slot_a: &Path) -> anyhow::Result<Release> {
     let a = image(slot_a, Slot::A)?;
-    let slot_b = firmware::build_slot_b(robots.board, robots.smart_drives)?;
+    let slot_b = firmware::build_slot_b(robots.board, robots.wheels)?;
     let b = image(&slot_b, Slot::B)?;
     let header = header(robots, &a, &b);
     let message = header.to_bytes();
@@ -147,6 +154,7 @@ pub fn development(out: PathBuf) -> anyhow::Result<()> {
         development: true,
         board: firmware::Board::default(),
         smart_drives: false,
+        two_pwms: false,
     })
 }
 

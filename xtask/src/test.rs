@@ -5,7 +5,7 @@ use std::process::{Child, Stdio};
 use anyhow::Context as _;
 use omnibus::report::Scalar;
 
-use crate::firmware::Board;
+use crate::firmware::{Board, Wheels};
 use crate::{cargo, firmware};
 
 /// Switches on the tests that run the release image.
@@ -67,10 +67,15 @@ fn run_all(rest: &[String]) -> anyhow::Result<()> {
     std::fs::copy(bench.with_extension(""), &bench)?;
     let self_test = firmware::build_self_test()?.with_extension("self-test");
     std::fs::copy(self_test.with_extension(""), &self_test)?;
-    let slot_b = firmware::build_slot_b(Board::NucleoF446re, false)?.with_extension("slot-b");
+    let slot_b =
+        firmware::build_slot_b(Board::NucleoF446re, Wheels::Bridges)?.with_extension("slot-b");
     std::fs::copy(slot_b.with_extension(""), &slot_b)?;
-    let drives = firmware::build_for_drives()?.with_extension("drives");
+    let drives = firmware::build_with(Board::NucleoF446re, Wheels::SmartDrives)?;
+    let drives = drives.with_extension("drives");
     std::fs::copy(drives.with_extension(""), &drives)?;
+    let two_pwms = firmware::build_with(Board::NucleoF446re, Wheels::TwoPwms)?;
+    let two_pwms = two_pwms.with_extension("two-pwms");
+    std::fs::copy(two_pwms.with_extension(""), &two_pwms)?;
     let board_c = firmware::build_for(Board::RobomasterC)?.with_extension("board-c");
     std::fs::copy(board_c.with_extension(""), &board_c)?;
     let fixed = firmware::build(Scalar::Fixed)?;
@@ -86,6 +91,7 @@ fn run_all(rest: &[String]) -> anyhow::Result<()> {
         .env("OMNIBUS_ELF_FIXED", fixed)
         .env("OMNIBUS_ELF_BENCH", bench)
         .env("OMNIBUS_ELF_DRIVES", drives)
+        .env("OMNIBUS_ELF_TWO_PWMS", two_pwms)
         .env("OMNIBUS_ELF_BOARD_C", board_c)
         .env("OMNIBUS_ELF_SELF_TEST", self_test)
         .env("OMNIBUS_ELF_SLOT_B", slot_b);

@@ -199,10 +199,11 @@ const MOTOR: &[Field] = &[
             "locked-antiphase",
             "c620",
             "c610",
+            "in-in-brake",
         ]),
         "How a duty is put on a bridge's inputs; `docs/bring-up.md` says which one a driver wants. \
-         The next three need `enable_wired`; `in-in-fast` needs a board with two PWMs a wheel. \
-         `c620` and `c610` are drives on a CAN bus of their own: they need an image that is built \
+         `in-in-slow` and `locked-antiphase` need `enable_wired`; `in-in-fast` and `in-in-brake` \
+         have two PWMs a wheel and need an image that is built for that. `c620` and `c610` are drives on a CAN bus of their own: they need an image that is built \
          for them, and `largest_current`.",
     )
     .otherwise("pwm-direction"),

@@ -56,15 +56,21 @@ impl Checker<'_> {
             let remedy = format!("give at most {drive_current} A, and no more than the motors may");
             field.refuse(key, own, shared, problem, &remedy);
         }
-        let is_bridge = kind.drive_current().is_none();
-        if is_bridge && kind != StageKind::PwmDirection && !enable_wired {
+        if kind.needs_enable() && !enable_wired {
             let (key, problem) = ("motor.output_stage", "has no safe state without an enable");
             let remedy = "wire the drivers' enable to the robot's, so that low switches all bridges \
                           off, and set `enable_wired = true`";
             field.refuse(key, own_kind, shared_kind, problem, remedy);
         }
-        if kind == StageKind::InInSlow && largest_duty < 1.0 {
-            let problem = format!("is {largest_duty}, but `in-in-slow` keeps a high side on");
+        let keeps_high = match kind {
+            StageKind::InInSlow => Some("in-in-slow"),
+            StageKind::InInBrake => Some("in-in-brake"),
+            _ => None,
+        };
+        if let Some(name) = keeps_high
+            && largest_duty < 1.0
+        {
+            let problem = format!("is {largest_duty}, but `{name}` keeps a high side on");
             let remedy = "leave it at 1, or take another driver";
             field.refuse(key, own_duty, shared_duty, &problem, remedy);
         }

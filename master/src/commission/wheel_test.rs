@@ -149,7 +149,8 @@ fn other_drivers(wheel: usize, turned: &Turned, stage: u32, reversed: &Reversed)
     let name = match stage {
         0 => "PWM and direction",
         1 => "IN/IN with slow decay",
-        2 => "IN/IN with fast decay",
+        2 => "two PWMs a wheel with fast decay",
+        6 => "two PWMs a wheel with both high between the pulses",
         _ => "locked antiphase",
     };
     let kind = format!("{} = {stage}, {name}", address::OUTPUT_STAGE);

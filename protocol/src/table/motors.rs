@@ -75,16 +75,17 @@ records! { OUTPUT_STAGE_RECORDS:
         PWM_FREQUENCY = 5: parameter("PWM frequency", "Hz", word(8_000, 40_000, 20_000)),
             "What drivers and motors want. Below 16 kHz it is heard; above 20 kHz many drivers \
              lose more.";
-        OUTPUT_STAGE = 6: parameter("Kind", "", byte(0, 5, 0)),
+        OUTPUT_STAGE = 6: parameter("Kind", "", byte(0, 6, 0)),
             "How a duty is put on a bridge's inputs: 0 PWM and direction; 1 IN/IN, slow decay: \
-             PWM on IN1, direction on IN2, inverted PWM while reversing; 2 IN/IN, fast decay, \
-             which needs two PWMs a wheel; 3 locked antiphase, half the period high is no voltage. \
-             Kinds 1 to 3 need 0x2027:7 = 1 and a board that cuts the drivers' enable in hardware. \
-             4 C620 and 5 C610 are smart drives on a CAN bus of their own, for images that are \
-             built for them; they need 0x2026:1 and 0x2026:2.";
+             PWM on IN1, direction on IN2, inverted PWM while reversing; 3 locked antiphase, half \
+             the period high is no voltage. Kinds 1 and 3 need 0x2027:7 = 1 and a board that cuts \
+             the drivers' enable in hardware. 4 C620 and 5 C610 are smart drives on a CAN bus of \
+             their own, for images that are built for them; they need 0x2026:1 and 0x2026:2. 2 and \
+             6 have two PWMs a wheel, on IN1 and IN2, for images that are built for them: 2 fast \
+             decay, both low between the pulses; 6 both high between the pulses.";
         ENABLE_WIRED = 7: parameter("Enable wired", "", byte(0, 1, 0)),
             "1: the output \"driver enable\" is wired to the drivers and switches all bridges off. \
-             With kinds 1 to 3 nothing else does, because PWM low is not their safe state.";
+             With kinds 1 and 3 nothing else does, because PWM low is not their safe state.";
     }
 }
 

@@ -89,6 +89,8 @@ pub struct NativeRobot {
     driver: Driver,
     /// Its smart drives, with what the group file says of them.
     smart: Option<(group::Robot, SmartDrives)>,
+    /// Kinds of drives that its image has.
+    output_stages: u8,
     /// The line of its motor drivers reports a fault.
     driver_fault: bool,
     crystal_ppm: f64,
@@ -212,6 +214,7 @@ impl NativeRobot {
             serial,
             driver: Driver::default(),
             smart: None,
+            output_stages: Identity::SWITCHED,
             driver_fault: false,
             crystal_ppm,
             flash: None,

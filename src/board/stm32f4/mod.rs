@@ -190,10 +190,14 @@ const SAFE_OUTPUTS: [Pin; if WIRING.inverse.is_some() { 15 } else { 11 }] = {
     let mut outputs = [WIRING.led; _];
     outputs[1] = WIRING.driver_enable;
     outputs[2] = WIRING.brake_release;
+    let second = match (WIRING.second_pwm, WIRING.direction) {
+        (Some(second), None) | (None, Some(second)) => second,
+        _ => panic!("a wheel has a direction or a second PWM"),
+    };
     let mut at = 0;
     while at < 4 {
         outputs[3 + at] = WIRING.pwm[at];
-        outputs[7 + at] = WIRING.direction[at];
+        outputs[7 + at] = second[at];
         if let Some(inverse) = WIRING.inverse {
             outputs[11 + at] = inverse[at];
         }

@@ -1,5 +1,5 @@
-//! What turns the wheels: four PWM channels with direction pins, the driver enable, the holding
-//! brake.
+//! What turns the wheels: four PWM channels with direction pins or with four more, the driver
+//! enable, the holding brake.
 //!
 //! # Theory of operation
 //!
@@ -12,6 +12,11 @@
 //! alone, forced to a level instead of compared (RM0390 17.4.7, OCxM 100 and 101). TIM8 counts
 //! nothing; it is there for its own break input, to which the emergency stop is wired as well: a
 //! stop takes drivers and brake back without the processor.
+//!
+//! Where the board has two PWMs a wheel, TIM8 makes the second as TIM1 makes the first, and its
+//! break input cuts it: both inputs of every bridge are low then, which drives none. A channel has
+//! one reference for both of its outputs, so driver enable and brake release are outputs of the
+//! port, and go off in the control tick.
 //!
 //! What a duty means at these pins depends on the kind of bridges, which [`Pattern`] resolves when
 //! the robot is configured. Where PWM low is not the safe state of a bridge (IN/IN while reversing,
@@ -28,7 +33,8 @@
 //! Compare values are not preloaded: they act at once, so that the moment of a change is the moment
 //! of the tick and not the end of a PWM period up to 50 us later. A value written in the middle of
 //! a period can shorten or lengthen that one pulse; PWM mode 1 compares levels, so no pulse can be
-//! missed.
+//! missed. With two PWMs a wheel TIM8 is some tens of nanoseconds behind TIM1; one input of a
+//! bridge stands at a time, so this is no voltage.
 
 use control::output_stage::{OutputStage, Pattern};
 use embassy_stm32::pac;
@@ -70,10 +76,26 @@ pub struct Outputs {
 /// where the emergency stop cuts the driver enable in hardware is that enable a safe state.
 pub const STAGES: u8 = if drives::ARE_WIRED {
     robot::Identity::SMART
+} else if TWO_PWMS {
+    robot::Identity::TWO_PWMS
 } else if WIRING.gate_stop.is_some() {
     robot::Identity::SWITCHED
 } else {
     OutputStage::PwmDirection.bit()
+};
+
+/// Whether TIM8 makes a second PWM for each wheel.
+const TWO_PWMS: bool = WIRING.second_pwm.is_some();
+const _: () = assert!(
+    !TWO_PWMS || WIRING.gate_stop.is_some(),
+    "nothing cuts the second PWM in hardware"
+);
+
+/// Timers that make PWM.
+const PWM_TIMERS: &[TimAdv] = if TWO_PWMS {
+    &[pac::TIM1, pac::TIM8]
+} else {
+    &[pac::TIM1]
 };
 
 impl Outputs {
@@ -85,39 +107,48 @@ impl Outputs {
             w.set_tim1en(true);
             w.set_tim8en(true);
         });
-        let timer = pac::TIM1;
-        for half in 0..2 {
-            timer.ccmr_output(half).write(|w| {
-                w.set_ocm(0, Ocm::PWM_MODE1);
-                w.set_ocm(1, Ocm::PWM_MODE1);
-            });
-        }
-        timer.ccer().write(|w| {
-            for channel in 0..4 {
-                w.set_cce(channel, true);
-            }
-        });
-        timer.cr1().write(|w| w.set_cen(true));
         WIRING
             .stop
             .become_a(Role::PeripheralInput(TIM1_AF, Pull::Up));
-        // The modes of the channels stay as they are, so they are locked too.
-        lock(timer, Lock::LEVEL3);
-
         if let Some(stop) = WIRING.gate_stop {
             stop.become_a(Role::PeripheralInput(TIM8_AF, Pull::Up));
         }
-        force(false, false);
-        pac::TIM8.ccer().write(|w| {
-            w.set_ccne(1, true);
-            w.set_ccne(2, true);
-        });
-        lock(pac::TIM8, Lock::LEVEL2);
-        for gate in [WIRING.driver_enable, WIRING.brake_release] {
-            gate.become_a(Role::PeripheralOutput(TIM8_AF, Pull::None, Speed::Low));
+        for timer in PWM_TIMERS {
+            for half in 0..2 {
+                timer.ccmr_output(half).write(|w| {
+                    w.set_ocm(0, Ocm::PWM_MODE1);
+                    w.set_ocm(1, Ocm::PWM_MODE1);
+                });
+            }
+            timer.ccer().write(|w| {
+                for channel in 0..4 {
+                    w.set_cce(channel, true);
+                }
+            });
+            // The modes of the channels stay as they are, so they are locked too.
+            lock(*timer, Lock::LEVEL3);
         }
-        for pwm in WIRING.pwm {
-            pwm.become_a(Role::PeripheralOutput(TIM1_AF, Pull::Down, Speed::Medium));
+        for timer in PWM_TIMERS {
+            timer.cr1().write(|w| w.set_cen(true));
+        }
+
+        force(false, false);
+        if !TWO_PWMS {
+            pac::TIM8.ccer().write(|w| {
+                w.set_ccne(1, true);
+                w.set_ccne(2, true);
+            });
+            lock(pac::TIM8, Lock::LEVEL2);
+            for gate in [WIRING.driver_enable, WIRING.brake_release] {
+                gate.become_a(Role::PeripheralOutput(TIM8_AF, Pull::None, Speed::Low));
+            }
+        }
+        let pwm = |function| Role::PeripheralOutput(function, Pull::Down, Speed::Medium);
+        for pin in WIRING.pwm {
+            pin.become_a(pwm(TIM1_AF));
+        }
+        for pin in WIRING.second_pwm.into_iter().flatten() {
+            pin.become_a(pwm(TIM8_AF));
         }
         Self {
             pattern: configure(OutputStage::PwmDirection, PWM_HZ),
@@ -156,6 +187,15 @@ impl Outputs {
         // Unrolled: 39 instructions fewer than a loop. Worked out before anything is written, so
         // that duties and directions change together.
         let [a, b, c, d] = duty;
+        if TWO_PWMS {
+            let pairs = duty.map(|duty| pattern.pair(duty));
+            for (wheel, [first, second]) in pairs.into_iter().enumerate() {
+                pac::TIM1.ccr(wheel).write(|w| w.0 = first);
+                pac::TIM8.ccr(wheel).write(|w| w.0 = second);
+            }
+            self.enable(drivers_enabled, brake_released);
+            return;
+        }
         let high = [
             pattern.high(a),
             pattern.high(b),
@@ -169,8 +209,10 @@ impl Outputs {
         set(2);
         set(3);
         if drivers_enabled {
-            let set = |wheel: usize, pin: Pin| pin.level(true) << back[wheel];
-            write_pins(WIRING.direction, set, |word| pattern.direction(word));
+            if let Some(direction) = WIRING.direction {
+                let set = |wheel: usize, pin: Pin| pin.level(true) << back[wheel];
+                write_pins(direction, set, |word| pattern.direction(word));
+            }
             if let Some(inverse) = WIRING.inverse {
                 let set = |wheel: usize, pin: Pin| pin.level(false) >> back[wheel];
                 write_pins(inverse, set, |word| pattern.direction(word));
@@ -178,6 +220,12 @@ impl Outputs {
         } else {
             directions_low();
         }
+        self.enable(drivers_enabled, brake_released);
+    }
+
+    /// Sets driver enable and brake release; switches the outputs on where the drivers were off.
+    #[inline(always)]
+    fn enable(&mut self, drivers_enabled: bool, brake_released: bool) {
         force(drivers_enabled, drivers_enabled && brake_released);
         if drivers_enabled && !self.enabled {
             // The enable last: until the PWM runs its pins are low, which drives some bridges.
@@ -203,7 +251,9 @@ impl Outputs {
             let high = self.pattern.high(duty);
             pac::TIM1.ccr(wheel).write(|w| w.0 = high);
             if driven {
-                WIRING.direction[wheel].set(duty > 0.0);
+                if let Some(direction) = WIRING.direction {
+                    direction[wheel].set(duty > 0.0);
+                }
                 if let Some(inverse) = WIRING.inverse {
                     inverse[wheel].set(duty < 0.0);
                 }
@@ -220,9 +270,14 @@ impl Outputs {
 #[inline(never)]
 fn configure(stage: OutputStage, hz: u32) -> Pattern {
     let period = period(hz);
-    pac::TIM1.arr().write(|w| w.set_arr(period.wrapping_sub(1)));
-    // A counter beyond the new end would run on to its largest value.
-    pac::TIM1.egr().write(|w| w.set_ug(true));
+    for timer in PWM_TIMERS {
+        timer.arr().write(|w| w.set_arr(period.wrapping_sub(1)));
+    }
+    // A counter beyond the new end would run on to its largest value. One right after the other, so
+    // that the counters stay together.
+    for timer in PWM_TIMERS {
+        timer.egr().write(|w| w.set_ug(true));
+    }
     Pattern::new(stage, period)
 }
 
@@ -253,7 +308,9 @@ fn write_pins(pins: [Pin; 4], level: impl Fn(usize, Pin) -> u32, turn: impl Fn(u
 #[inline(always)]
 fn directions_low() {
     let low = |_, pin: Pin| pin.level(false);
-    write_pins(WIRING.direction, low, |word| word);
+    if let Some(direction) = WIRING.direction {
+        write_pins(direction, low, |word| word);
+    }
     if let Some(inverse) = WIRING.inverse {
         write_pins(inverse, low, |word| word);
     }
@@ -275,8 +332,14 @@ fn lock(timer: TimAdv, level: Lock) {
     });
 }
 
-/// Sets the levels of driver enable and brake release while TIM8's outputs are on.
+/// Sets the levels of driver enable and brake release, while TIM8's outputs are on where they are
+/// TIM8's.
 fn force(drivers_enabled: bool, brake_released: bool) {
+    if TWO_PWMS {
+        WIRING.driver_enable.set(drivers_enabled);
+        WIRING.brake_release.set(brake_released);
+        return;
+    }
     let level = |high| {
         if high {
             Ocm::FORCE_ACTIVE
@@ -296,8 +359,8 @@ fn force(drivers_enabled: bool, brake_released: bool) {
 /// drives without current.
 #[inline(never)]
 pub fn cut() {
-    // Before start-up reaches this point the pins are outputs of the port, or still inputs, which
-    // float as in reset.
+    // Before start-up gives them to TIM8, and with two PWMs always, the pins are outputs of the
+    // port, or still inputs, which float as in reset.
     WIRING.driver_enable.set(false);
     WIRING.brake_release.set(false);
     pac::TIM8.bdtr().modify(|w| w.set_moe(false));

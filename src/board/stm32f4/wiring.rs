@@ -3,8 +3,8 @@
 //! A board is one constant of type [`Wiring`]. The drivers read it where they need it, and so does
 //! code without `self`: interrupt handlers, the transition to the safe state, and the first
 //! instructions after reset. As a constant it costs no instruction. The family fixes the use of
-//! each timer: TIM1 the PWM, TIM8 driver enable and brake, TIM7 the tick, TIM9 the local time,
-//! USART2 the cable.
+//! each timer: TIM1 the PWM, TIM8 driver enable and brake or each wheel's second PWM, TIM7 the
+//! tick, TIM9 the local time, USART2 the cable.
 
 use embassy_stm32::Config;
 use embassy_stm32::rcc::{
@@ -21,18 +21,21 @@ pub struct Wiring {
     pub clocks: Clocks,
     /// PWM: TIM1 channels 1 to 4.
     pub pwm: [Pin; 4],
-    /// Direction; high rolls the base forward.
-    pub direction: [Pin; 4],
+    /// The second PWM, which rolls the base backward: TIM8 channels 1 to 4. Driver enable and brake
+    /// are outputs of the port then.
+    pub second_pwm: Option<[Pin; 4]>,
+    /// Direction, where there is no second PWM; high rolls the base forward.
+    pub direction: Option<[Pin; 4]>,
     /// The opposite of the direction, for bridges with PWM, IN1 and IN2.
     pub inverse: Option<[Pin; 4]>,
-    /// Driver enable, high is enabled: TIM8 CH2N.
+    /// Driver enable, high is enabled: TIM8 CH2N, or any pin where TIM8 makes the second PWM.
     pub driver_enable: Pin,
-    /// Holding brake, high is released: TIM8 CH3N.
+    /// Holding brake, high is released: TIM8 CH3N, or any pin.
     pub brake_release: Pin,
     /// Emergency stop, closed to ground; high stops: TIM1 BKIN.
     pub stop: Pin,
     /// The same wire at TIM8 BKIN. Without it, a stop cuts driver enable and brake in the next
-    /// control tick, not in hardware.
+    /// control tick, not in hardware; a second PWM cannot be without it.
     pub gate_stop: Option<Pin>,
     /// Encoders; they count up when the base rolls forward. Without one, the count does not change.
     pub encoders: [Option<Encoder>; 4],

@@ -79,6 +79,10 @@ enum Stage {
     PwmDirection,
     /// Two half bridges a wheel.
     InInSlow,
+    /// Two PWMs a wheel, one input low.
+    InInFast,
+    /// Two PWMs a wheel, one input high.
+    InInBrake,
     /// Half of the period high is no voltage.
     LockedAntiphase,
     /// RoboMaster C620 drives on a CAN bus of their own.
@@ -90,6 +94,8 @@ impl From<Stage> for StageKind {
         match stage {
             Stage::PwmDirection => Self::PwmDirection,
             Stage::InInSlow => Self::InInSlow,
+            Stage::InInFast => Self::InInFast,
+            Stage::InInBrake => Self::InInBrake,
             Stage::LockedAntiphase => Self::LockedAntiphase,
             Stage::C620 => Self::C620,
         }
@@ -134,14 +140,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     for robot in &mut group.robots {
         robot.board = arguments.board.into();
         robot.output.kind = stage.into();
-        robot.output.enable_wired = true;
+        robot.output.enable_wired = robot.output.kind.needs_enable();
         if smart {
             fit_drives(robot);
         }
     }
     let image = match &arguments.image {
         Some(path) => path.clone(),
-        None => firmware::build_with(arguments.board, smart)?,
+        None => firmware::build_with(arguments.board, StageKind::from(stage).into())?,
     };
     let firmware = Firmware::load(image)?;
     let threads = match arguments.jobs {

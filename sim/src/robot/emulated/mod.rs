@@ -37,8 +37,9 @@ use crate::error::SimError;
 use crate::motor::Bridge;
 use crate::smart_drive::DriveBus;
 
-/// The PWM timer, and the encoder timers of the wheels.
+/// The PWM timers, and the encoder timers of the wheels.
 const PWM_TIMER: usize = 1;
+const SECOND_PWM_TIMER: usize = 8;
 const ENCODER_TIMERS: [usize; 4] = [2, 3, 4, 5];
 /// How long a counter stands still at an index, so that the program reads it there, ns: a few
 /// hundred instructions.
@@ -386,10 +387,14 @@ impl EmulatedRobot {
             return;
         }
         self.drives = std::array::from_fn(|wheel| {
+            let duty = |timer| f64::from(self.board.pwm(timer, wheel + 1).duty);
             let levels = Levels {
                 enabled,
-                pwm: self.board.pwm(PWM_TIMER, wheel + 1).duty.into(),
-                direction: high(self.wiring.directions[wheel]),
+                pwm: duty(PWM_TIMER),
+                direction: match self.wiring.directions {
+                    Some(pins) => u8::from(high(pins[wheel])).into(),
+                    None => duty(SECOND_PWM_TIMER),
+                },
                 inverse: self.wiring.inverse.is_some_and(|pins| high(pins[wheel])),
             };
             let output = bridge::output(self.driver, &levels);

@@ -12,8 +12,8 @@ pub type Pin = (Port, u8);
 pub(super) struct Wiring {
     /// Clock from outside, Hz.
     pub(super) hse_hz: u64,
-    /// Direction, and its opposite where the board has it.
-    pub(super) directions: [Pin; 4],
+    /// Direction, without which TIM8 makes a second PWM; its opposite where the board has it.
+    pub(super) directions: Option<[Pin; 4]>,
     pub(super) inverse: Option<[Pin; 4]>,
     /// The encoders' wires A and B, and their indexes.
     pub(super) encoders: Option<[[Pin; 2]; 4]>,
@@ -35,7 +35,7 @@ use Port::{A, B, C, D, F, I};
 
 static NUCLEO_F446RE: Wiring = Wiring {
     hse_hz: 8_000_000,
-    directions: [(C, 0), (C, 1), (C, 2), (C, 3)],
+    directions: Some([(C, 0), (C, 1), (C, 2), (C, 3)]),
     inverse: Some([(B, 2), (B, 4), (B, 5), (D, 2)]),
     encoders: Some([
         [(A, 15), (B, 3)],
@@ -54,9 +54,31 @@ static NUCLEO_F446RE: Wiring = Wiring {
     switches: &[(C, 8), (C, 9), (C, 10), (C, 11)],
 };
 
+/// With the feature `two-pwms`.
+static NUCLEO_F446RE_TWO_PWMS: Wiring = Wiring {
+    hse_hz: 8_000_000,
+    directions: None,
+    inverse: None,
+    encoders: Some([
+        [(A, 15), (B, 3)],
+        [(B, 4), (B, 5)],
+        [(B, 6), (B, 7)],
+        [(A, 0), (A, 1)],
+    ]),
+    index: Some([(B, 10), (A, 12), (B, 14), (B, 15)]),
+    driver_enable: (B, 0),
+    brake_release: (B, 1),
+    emergency_stop: &[(B, 12), (A, 6)],
+    driver_fault: (B, 13),
+    protective_stop: (C, 12),
+    supply: (A, 4),
+    currents: &[(A, 7), (C, 4), (C, 5)],
+    switches: &[(C, 0), (C, 1), (C, 10), (C, 11)],
+};
+
 static ROBOMASTER_C: Wiring = Wiring {
     hse_hz: 12_000_000,
-    directions: [(C, 6), (I, 6), (I, 7), (F, 1)],
+    directions: Some([(C, 6), (I, 6), (I, 7), (F, 1)]),
     inverse: None,
     encoders: None,
     index: None,
@@ -73,8 +95,10 @@ static ROBOMASTER_C: Wiring = Wiring {
 /// Whether an image is for the board and the drives of a robot.
 pub(in crate::robot) fn is_for(image: &Firmware, robot: &group::Robot) -> bool {
     let symbol = |name, default| image.variable(name).map_or(default, |found| found.address);
-    let smart = robot.output.kind.drive_current().is_some();
-    symbol("_board_id", 1) == robot.board as u32 && (symbol("_smart_drives", 0) != 0) == smart
+    let kind = robot.output.kind;
+    symbol("_board_id", 1) == robot.board as u32
+        && (symbol("_smart_drives", 0) != 0) == kind.drive_current().is_some()
+        && (symbol("_two_pwms", 0) != 0) == kind.has_two_pwms()
 }
 
 /// Driver enable and brake release of the board that an image is for.
@@ -89,8 +113,11 @@ pub fn outputs(firmware: &Firmware) -> Result<[Pin; 2], String> {
 impl Wiring {
     /// That of the board an image is for; an image that does not say it is for the reference board.
     pub(super) fn of(firmware: &Firmware) -> Result<&'static Self, String> {
-        let board = firmware.variable("_board_id").map(|symbol| symbol.address);
-        match board {
+        let symbol = |name| firmware.variable(name).map(|symbol| symbol.address);
+        match symbol("_board_id") {
+            None | Some(1) if symbol("_two_pwms").is_some_and(|has| has != 0) => {
+                Ok(&NUCLEO_F446RE_TWO_PWMS)
+            }
             None | Some(1) => Ok(&NUCLEO_F446RE),
             Some(2) => Ok(&ROBOMASTER_C),
             Some(other) => Err(format!(

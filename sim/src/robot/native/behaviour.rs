@@ -169,7 +169,14 @@ impl Robot for NativeRobot {
 
     fn wire_smart_drives(&mut self, robot: &group::Robot) {
         self.smart = SmartDrives::new(robot, self.now_ns).map(|drives| (robot.clone(), drives));
-        // It runs the other image then.
+        self.output_stages = if self.smart.is_some() {
+            Identity::SMART
+        } else if robot.output.kind.has_two_pwms() {
+            Identity::TWO_PWMS
+        } else {
+            Identity::SWITCHED
+        };
+        // It runs another image then.
         self.set_power(self.powered);
     }
 
@@ -235,16 +242,11 @@ impl Robot for NativeRobot {
         if let Some((robot, drives)) = &mut self.smart {
             drives.restart(robot, self.now_ns);
         }
-        let is_smart = self.smart.is_some();
         self.live = Live::boot(
             self.id,
             self.serial,
             clock,
-            if is_smart {
-                Identity::SMART
-            } else {
-                Identity::SWITCHED
-            },
+            self.output_stages,
             self.flash.as_deref(),
             self.wear,
             &mut self.program,
