@@ -5,11 +5,17 @@ waits for an answer lets the world go on until it comes or the time is over. So 
 real client, and its result does not depend on how busy the machine is.
 """
 
+import os
+import pathlib
 import queue
+import signal
 import socket
+import subprocess
+import unittest
 
 import canopen
 from canopen.sdo import SdoClient, SdoCommunicationError
+from robot import BACKEND, EDS, NODE, PATIENCE, ROOT
 
 
 class Network(canopen.Network):
@@ -74,3 +80,32 @@ class Node(canopen.RemoteNode):
         received = queue.Queue()
         self.network.subscribe(cob_id, lambda _id, data, _time: received.put(bytes(data)))
         return received
+
+
+class OneRobot(unittest.TestCase):
+    """One simulated robot on such a bus, and a node of python-canopen for it."""
+
+    def setUp(self):
+        log = pathlib.Path(os.environ["OMNIBUS_LOGS"]) / f"{self.id()}.{BACKEND}.log"
+        command = [os.environ["OMNIBUS_SIM"], "serve", ROOT / "groups" / "single.toml"]
+        if BACKEND == "emulator":
+            command += ["--backend", "emulator", "--elf", os.environ["OMNIBUS_ELF"]]
+        command += ["--lockstep", "127.0.0.1:0", "--log", log]
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        self.addCleanup(self.end)
+        name, address = self.process.stdout.readline().split()
+        self.assertEqual(name, "lockstep")
+        self.network = Network(address)
+        self.addCleanup(self.network.disconnect)
+        self.node = Node(NODE, str(EDS))
+        self.network.add_node(self.node)
+        self.heartbeats = self.node.frames(0x700 + NODE)
+
+    def end(self):
+        self.process.send_signal(signal.SIGINT)
+        self.process.stdout.close()
+        self.assertEqual(self.process.wait(PATIENCE), 0)
+
+    def pass_time(self, seconds):
+        """Lets so many simulated seconds go by."""
+        self.network.wait(lambda: False, seconds)

@@ -9,12 +9,9 @@ OMNIBUS_IMAGE is the image file; what the robot is sent lies beside it.
 
 import os
 import pathlib
-import signal
-import subprocess
 import unittest
 
-from lockstep import Network, Node
-from robot import EDS, NODE, PATIENCE, ROOT
+from lockstep import OneRobot
 
 STOP, START, CLEAR, CONFIRM = 0, 1, 3, 0x80
 ON_TRIAL = 0x80
@@ -23,27 +20,7 @@ WAIT = 30.0
 """Simulated seconds for what is not an answer."""
 
 
-class Update(unittest.TestCase):
-    def setUp(self):
-        log = pathlib.Path(os.environ["OMNIBUS_LOGS"]) / f"{self.id()}.log"
-        command = [os.environ["OMNIBUS_SIM"], "serve", ROOT / "groups" / "single.toml"]
-        command += ["--backend", "emulator", "--elf", os.environ["OMNIBUS_ELF"]]
-        command += ["--lockstep", "127.0.0.1:0", "--log", log]
-        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-        self.addCleanup(self.end)
-        name, address = self.process.stdout.readline().split()
-        self.assertEqual(name, "lockstep")
-        self.network = Network(address)
-        self.addCleanup(self.network.disconnect)
-        self.node = Node(NODE, str(EDS))
-        self.network.add_node(self.node)
-        self.heartbeats = self.node.frames(0x700 + NODE)
-
-    def end(self):
-        self.process.send_signal(signal.SIGINT)
-        self.process.stdout.close()
-        self.assertEqual(self.process.wait(PATIENCE), 0)
-
+class Update(OneRobot):
     def control(self, value):
         self.node.sdo[0x1F51][1].raw = value
 

@@ -86,6 +86,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
                     "test_dictionary",
                     "test_endpoints",
                     "test_master",
+                    "test_lock",
                 ],
                 backend,
             )?;
