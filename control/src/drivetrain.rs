@@ -213,6 +213,17 @@ impl Drivetrain {
         times(self.mount.to_member(group), &factors.asked)
     }
 
+    /// A displacement of the group with this turn of the robot, rad, in place of its own: the robot
+    /// turns where it is.
+    #[inline]
+    pub(crate) fn turned_by(&self, moved: Twist, turn: f32) -> Twist {
+        let more = Twist {
+            omega: turn - moved.omega,
+            ..Twist::ZERO
+        };
+        moved + self.mount.to_group(more)
+    }
+
     /// The group's twist for what the wheels are asked for; displacements alike.
     #[inline]
     pub(crate) fn group_twist(&self, asked: Twist, factors: &Factors) -> Twist {

@@ -9,6 +9,7 @@ use crate::time::Micros;
 use kinematics::{Pose, Twist, WheelRates};
 use protocol::{Fault, Limit};
 
+use crate::gyro::{GyroReport, Reading};
 use crate::rollers::{IndexPulse, RollerState};
 use identification::Bounds;
 
@@ -90,6 +91,8 @@ pub struct Inputs {
     pub current_inputs: Option<[f32; 3]>,
     /// The last index pulse of each encoder; `None` where indexes are not used.
     pub index: Option<[IndexPulse; 4]>,
+    /// What the gyro's driver says, where the board has a gyro.
+    pub gyro: Option<Reading>,
 }
 
 /// The control side's outputs in each tick.
@@ -155,6 +158,8 @@ pub struct Report {
     /// Temperature of the hottest motor, degrees Celsius, as smart drives report it; 0 where it is
     /// not measured.
     pub temperature: u8,
+    /// The gyro.
+    pub gyro: GyroReport,
     /// Ticks more than half a period late, so far.
     pub late_ticks: u32,
     /// State of each wheel's roller phase.
@@ -185,6 +190,7 @@ impl Report {
         supply: None,
         current: 0.0,
         temperature: 0,
+        gyro: GyroReport::NONE,
         late_ticks: 0,
         roller_states: [RollerState::Constant; 4],
         roller_sweeps: [0.0; 4],

@@ -1,9 +1,9 @@
 //! The gyro of a Bosch BMI088 on an SPI (data sheet BST-BMI088-DS001-13, rev 1.3, sections 4.4.1,
 //! 5.5 and 6.1): registers, identifier, ranges, soft reset, latched rates, saturation.
 //!
-//! The world tells it the rate about its z axis ([`Bmi088::set_rate`]) as often as it measures, noise
-//! and bias included: the sensor has a thousand samples a second whatever its bandwidth register
-//! says. Axes x and y stand still.
+//! The world tells it the rate about its z axis ([`Bmi088::set_rate`]) as often as it measures,
+//! noise and bias included: the sensor has a thousand samples a second whatever its bandwidth
+//! register says. Axes x and y stand still.
 //!
 //! | not modelled | data sheet |
 //! |---|---|
@@ -101,6 +101,12 @@ impl Bmi088 {
         self.samples = self.samples.wrapping_add(1);
     }
 
+    /// What is wrong with it.
+    #[must_use]
+    pub fn defect(&self) -> Option<GyroDefect> {
+        self.defect
+    }
+
     /// Something is wrong with it, or no more.
     pub fn set_defect(&mut self, defect: Option<GyroDefect>) {
         self.defect = defect;
@@ -132,7 +138,7 @@ impl Bmi088 {
             return OPEN;
         };
         // A burst goes on to the next register.
-        self.access = Some((address + 1 & !READ, reads));
+        self.access = Some(((address + 1) & !READ, reads));
         if now_ns < self.ready_ns {
             return 0;
         }
@@ -166,7 +172,9 @@ impl Bmi088 {
         }
     }
 
-    fn rate_z(&self) -> i16 {
+    /// The rate about z as its registers have it, counts.
+    #[must_use]
+    pub fn rate_z(&self) -> i16 {
         let jumps = self.defect == Some(GyroDefect::Jumps) && self.samples & 2 != 0;
         self.sample ^ if jumps { 1 << 14 } else { 0 }
     }

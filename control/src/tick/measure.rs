@@ -24,13 +24,15 @@ impl Motion {
         ]
     }
 
-    /// Measures the wheels since the last tick; returns the angle by which each turned, rad.
+    /// Measures the wheels since the last tick; returns the angle by which each turned, rad. `turn`
+    /// is what the gyro has seen meanwhile, rad.
     #[inline]
     pub(super) fn measure(
         &mut self,
         previous: &[u16; 4],
         inputs: &Inputs,
         dt: Time,
+        turn: Option<f32>,
         report: &mut Report,
     ) -> [Angle; 4] {
         let turned = self.turned(previous, &inputs.encoder_counts);
@@ -45,7 +47,7 @@ impl Motion {
             *rate = wheel.observer.update(turned, acceleration, dt);
         }
         report.rates = WheelRates::from(rates.map(Rate::to_f32));
-        self.locate(previous, inputs, rates, turned, report);
+        self.locate(previous, inputs, rates, turned, turn, report);
         turned
     }
 
@@ -57,6 +59,7 @@ impl Motion {
         inputs: &Inputs,
         rates: [Rate; 4],
         turned: [Angle; 4],
+        turn: Option<f32>,
         report: &mut Report,
     ) {
         let (drivetrain, factors) = (&self.configuration.drivetrain, &self.factors);
@@ -76,6 +79,10 @@ impl Motion {
             report.measured = drivetrain.group_twist(drivetrain.forward(rates), factors);
             report.slip_residual = drivetrain.unexplained(rates).to_f32();
             drivetrain.group_twist(drivetrain.forward(turned), factors)
+        };
+        let moved = match turn {
+            Some(turn) => drivetrain.turned_by(moved, turn),
+            None => moved,
         };
         self.odometry.update(moved, 1.0);
         report.pose = self.odometry.pose();

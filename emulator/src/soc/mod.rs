@@ -38,7 +38,7 @@ use crate::system::pwr::Pwr;
 use crate::system::rcc::{Rcc, cause};
 use crate::system::spi::Spi;
 use crate::system::usart::Usart;
-use crate::timer::{Kind, Timer};
+use crate::timer::Timer;
 use crate::trace::Trace;
 
 /// First address of the debug unit's registers (RM0390 section 33.16): IDCODE, CR, two freeze
@@ -126,18 +126,6 @@ impl Places {
     }
 }
 
-fn timer_kind(family: Family, number: usize) -> Kind {
-    match number {
-        2 | 5 if family == Family::F1 => Kind::GENERAL_16,
-        1 | 8 => Kind::ADVANCED,
-        2 | 5 => Kind::GENERAL_32,
-        3 | 4 => Kind::GENERAL_16,
-        9 | 12 => Kind::TWO_CHANNELS,
-        6 | 7 => Kind::BASIC,
-        _ => Kind::ONE_CHANNEL,
-    }
-}
-
 fn on_apb2(timer: usize) -> bool {
     matches!(timer, 1 | 8..=11)
 }
@@ -180,7 +168,7 @@ impl Soc {
             iwdg: Iwdg::new(config.lsi_hz),
             adcs,
             timers: std::array::from_fn(|number| {
-                let mut timer = Timer::new(timer_kind(chip.family, number));
+                let mut timer = Timer::new(events::timer_kind(chip.family, number));
                 if defects.has(Defect::InputFilters) {
                     timer.remove_filters();
                 }
@@ -354,10 +342,9 @@ impl Soc {
             Unit::Flash => self.flash.register_name(offset),
             _ => "",
         };
-        let register = if register.is_empty() {
-            format!("+{offset:#x}")
-        } else {
-            register.to_owned()
+        let register = match register {
+            "" => format!("+{offset:#x}"),
+            name => name.to_owned(),
         };
         if what.is_empty() {
             format!("{}_{register}", entry.name)

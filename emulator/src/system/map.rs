@@ -92,8 +92,8 @@ pub(crate) const fn entry(base: u32, name: &'static str, gate: Gate, unit: Unit)
 
 use Gate::{Ahb1, Ahb2, AnyOfApb2, Apb1, Apb2, None as Always};
 use Unit::{
-    Adc, AdcCommon, Can1, Can2, Crc, Dma1, Exti, Flash, Gpio, Iwdg, Other, Pwr, Rcc, Spi1, Syscfg, Timer,
-    Usart2,
+    Adc, AdcCommon, Can1, Can2, Crc, Dma1, Exti, Flash, Gpio, Iwdg, Other, Pwr, Rcc, Spi1, Syscfg,
+    Timer, Usart2,
 };
 
 /// The peripherals outside the core that all chips have, by address. Each reaches up to the next,

@@ -225,7 +225,10 @@ mod tests {
         let mut spi = Spi::default();
         assert!(spi.write(0, reg::DR, 1, &mut none).is_err());
         assert!(spi.write(0, reg::CR1, cr1::SPE, &mut none).is_err());
-        assert!(spi.write(0, reg::CR1, 1 << 7, &mut none).is_err(), "least bit first");
+        assert!(
+            spi.write(0, reg::CR1, 1 << 7, &mut none).is_err(),
+            "least bit first"
+        );
         assert!(spi.write(0, reg::CR2, 1 << 6, &mut none).is_err());
         assert!(spi.read(0, 0x14, &mut none).is_none());
         // 16 bits of 8: the lower byte alone is exchanged.

@@ -2,6 +2,7 @@
 
 use canopen::Frame;
 use control::time::Micros;
+use emulator::{Bmi088, GyroDefect};
 use group::Driver;
 use protocol::Fault;
 use robot::Identity;
@@ -168,6 +169,7 @@ impl Robot for NativeRobot {
 
     fn wire_smart_drives(&mut self, robot: &group::Robot) {
         self.smart = SmartDrives::new(robot, self.now_ns).map(|drives| (robot.clone(), drives));
+        self.gyro = (robot.board == group::Board::RobomasterC).then(Bmi088::default);
         // It runs the other image then.
         self.set_power(self.powered);
     }
@@ -175,6 +177,22 @@ impl Robot for NativeRobot {
     fn change_smart_drive(&mut self, wheel: usize, change: DriveChange) {
         if let Some((_, drives)) = &mut self.smart {
             drives.change(wheel, change);
+        }
+    }
+
+    fn has_gyro(&self) -> bool {
+        self.gyro.is_some()
+    }
+
+    fn set_yaw_rate(&mut self, rate: f64) {
+        if let Some(gyro) = &mut self.gyro {
+            gyro.set_rate(rate);
+        }
+    }
+
+    fn set_gyro_defect(&mut self, defect: Option<GyroDefect>) {
+        if let Some(gyro) = &mut self.gyro {
+            gyro.set_defect(defect);
         }
     }
 
