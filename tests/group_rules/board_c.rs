@@ -1,5 +1,5 @@
-//! The rules with three Board Cs: all but that of encoders with few counts, which C620 drives do not
-//! have.
+//! The rules with three Board Cs: all but that of encoders with few counts, which C620 drives do
+//! not have.
 
 fn images() -> sim::Backend {
     let path = std::env::var("OMNIBUS_ELF_BOARD_C")
