@@ -24,7 +24,7 @@ use static_cell::StaticCell;
 
 use crate::board::now;
 use crate::board::{
-    DRIVES_ARE_WIRED, Drives, Encoders, Indexes, Lines, Meters, Outputs, TickMutex, TickTimer,
+    DRIVES_ARE_WIRED, Drives, Encoders, Gyro, Indexes, Lines, Meters, Outputs, TickMutex, TickTimer,
 };
 use crate::shared::{COMMAND, CONTROL_LATENESS, IDENTIFIED, SYNC};
 use crate::wake;
@@ -38,6 +38,8 @@ pub struct Parts {
     pub encoders: Encoders,
     /// Smart drives, where they turn the wheels.
     pub drives: Drives,
+    /// The gyro, where the board has one.
+    pub gyro: Gyro,
     /// Encoder index inputs.
     pub indexes: Indexes,
     /// Stop and fault inputs.
@@ -141,6 +143,7 @@ impl Control {
             drive_fault: line.then_some(Fault::DriverFault).or(drive_fault),
             protective_stop: parts.lines.protective_stop(),
             supply_input: Some(InputVoltage::new(parts.meters.supply())),
+            gyro: parts.gyro.read(),
             current_inputs: self.senses.then(|| parts.meters.currents()),
         };
         let wanted = COMMAND.with(|command| {
@@ -161,6 +164,7 @@ impl Control {
         parts
             .outputs
             .set(duty, wanted.drivers_enabled, wanted.brake_released);
+        parts.gyro.ask();
         let report = self.side.report();
         parts.guard.tick(report);
         // Changes that the bus side has to process at once.

@@ -11,6 +11,8 @@
 //! then, so bus-off neither mutes the robot nor cuts its answers off; only if others were there
 //! before, it is a fault, because the group is torn then. A closed channel changes nothing.
 //!
+//! On a board without a cable the compiler leaves all of it out.
+//!
 //! What it cannot do: extended and remote frames (refused), other bit rates (refused), hardware
 //! time stamps (those of `Z1` are of the interrupt), flow control: what the cable does not carry is
 //! dropped, counted in objects, and told by `F`.
@@ -21,7 +23,7 @@ use control::time::Micros;
 use protocol::Fault;
 use robot::{BusSide, CableLosses};
 
-use crate::board::{CABLE_PATIENCE, Can, Health, Serial, now, print_to_cable};
+use crate::board::{CABLE_IS_WIRED, CABLE_PATIENCE, Can, Health, Serial, now, print_to_cable};
 
 /// How long after a try to come back from bus-off the next follows.
 const RETRY: Micros = Micros(100_000);
@@ -58,6 +60,9 @@ impl Gateway {
 
     /// Takes in what has come over the cable, up to a frame that has to wait for the bus.
     pub fn receive(&mut self, can: &mut Can) {
+        if !CABLE_IS_WIRED {
+            return;
+        }
         let news = self.serial.as_ref().is_some_and(Serial::has_news);
         if news || self.unread || can.has_one_of_the_cable() {
             self.process(can);
@@ -140,14 +145,14 @@ impl Gateway {
 
     /// Sends a frame of this robot to the cable.
     pub fn send(&mut self, frame: &Frame) {
-        if self.channel.is_open() {
+        if CABLE_IS_WIRED && self.channel.is_open() {
             print_to_cable(frame, now());
         }
     }
 
     /// Whether a frame of this robot that finds no mailbox is not worth waiting for.
     pub fn goes_on_without(&self, can: &mut Can) -> bool {
-        if !self.channel.is_open() {
+        if !CABLE_IS_WIRED || !self.channel.is_open() {
             return false;
         }
         can.look_after();
@@ -157,6 +162,9 @@ impl Gateway {
     /// What is to be made of the CAN controller's state: with an open channel bus-off is not the
     /// end of the master's way to this robot.
     pub fn judge(&mut self, health: Health, can: &mut Can, side: &mut BusSide) -> Health {
+        if !CABLE_IS_WIRED {
+            return health;
+        }
         side.counters_mut().cable = self.losses(can);
         if !self.channel.is_open() {
             return health;

@@ -144,6 +144,7 @@ fn prepare() -> Parts {
         outputs: board.outputs,
         encoders: board.encoders,
         drives: board.drives,
+        gyro: board.gyro,
         indexes: board.indexes,
         lines: board.lines,
         meters: board.meters,

@@ -56,13 +56,19 @@ mod reference {
     }
 }
 
-/// The other board's: a sample, for its own sectors and clocks.
+/// The other board's, with its own sectors and clocks.
 mod board_c {
     tests! { "OMNIBUS_ELF_BOARD_C",
         saved_parameters_are_back_after_a_power_cycle
+        nothing_is_stored_while_operational_or_without_the_signature
+        an_image_that_has_decayed_is_not_used
         a_power_cut_in_any_operation_of_a_save_leaves_the_old_or_the_new_set
         a_power_cut_in_any_operation_of_a_save_that_erases_leaves_the_old_or_the_new_set
         a_node_stored_by_lss_outlives_a_power_cycle
+        a_store_full_of_small_images_is_no_different
+        a_robot_with_the_store_of_the_version_before_has_its_parameters
+        three_hundred_random_saves_and_power_cuts
+        faults_outlive_a_power_cycle
         a_power_cut_while_faults_are_written_costs_those_faults_only
     }
 }

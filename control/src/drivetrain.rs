@@ -273,6 +273,17 @@ impl Drivetrain {
         self.member(group, &factors.asked)
     }
 
+    /// A displacement of the group with this turn of the robot, rad, in place of its own: the robot
+    /// turns where it is.
+    #[inline]
+    pub(crate) fn turned_by(&self, moved: Motion<27>, turn: Quantity<27>) -> Motion<27> {
+        let more = Twist {
+            omega: turn - moved.omega,
+            ..Twist::default()
+        };
+        moved + self.mount.group(more)
+    }
+
     #[inline]
     fn member<const FRACTION: u32>(
         &self,

@@ -9,6 +9,7 @@ use crate::time::Micros;
 use kinematics::{Pose, Twist, WheelRates};
 use protocol::{Fault, Limit};
 
+use crate::gyro::{GyroReport, Reading};
 use crate::odometry::Odometry;
 use crate::quantity::{Angle, Drive, InputVoltage, Rate, Velocity, Voltage};
 use crate::rollers::{IndexPulse, RollerState};
@@ -93,6 +94,8 @@ pub struct Inputs {
     pub current_inputs: Option<[f32; 3]>,
     /// The last index pulse of each encoder; `None` where indexes are not used.
     pub index: Option<[IndexPulse; 4]>,
+    /// What the gyro's driver says, where the board has a gyro.
+    pub gyro: Option<Reading>,
 }
 
 /// The control side's outputs in each tick.
@@ -164,6 +167,8 @@ pub struct Report {
     /// Temperature of the hottest motor, degrees Celsius, as smart drives report it; 0 where it is
     /// not measured.
     pub temperature: u8,
+    /// The gyro.
+    pub gyro: GyroReport,
     /// Ticks more than half a period late, so far.
     pub late_ticks: u32,
     /// State of each wheel's roller phase.
@@ -194,6 +199,7 @@ impl Report {
         supply: None,
         current: 0.0,
         temperature: 0,
+        gyro: GyroReport::NONE,
         late_ticks: 0,
         roller_states: [RollerState::Constant; 4],
         roller_sweeps: [Angle::ZERO; 4],

@@ -29,6 +29,7 @@ pub mod clock;
 pub mod configuration;
 pub mod current;
 pub mod drivetrain;
+pub mod gyro;
 pub mod interface;
 pub mod limiter;
 pub mod math;

@@ -29,6 +29,7 @@
 //! | CAN1 and CAN2: modes, mailboxes, shared filters, FIFOs, time stamps, errors, bus-off, loop-back of CAN1 | 30 | TGT (no effect), loop-back of CAN2 (receives nothing) |
 //! | ADC1 to 3: one regular channel, once or continuously, injected ones after it | 13 | sequences, triggers, DMA |
 //! | USART2: eight data bits, baud rate, framing and overrun errors, idle line, DMA | 25 | other ports, parity, other lengths, noise, LIN, flow control |
+//! | SPI1 of an STM32F4: master, 8 or 16 bits (table in `system/spi.rs`) | 26 | other ports, slave, interrupts, DMA, CRC, I2S |
 //! | DMA1: byte by byte between USART2 and RAM, once or circular | 9 | other requests, FIFO, double buffers |
 //! | IWDG with its oscillator's tolerance | 21 | WWDG |
 //! | unique number, flash size, DBGMCU | 33, 34 | freezing of peripherals other than timers and IWDG while halted |
@@ -55,6 +56,7 @@
 #![warn(missing_docs)]
 
 mod address_space;
+mod bmi088;
 mod board;
 pub mod can;
 pub mod chip;
@@ -75,6 +77,7 @@ pub mod timer;
 mod trace;
 pub mod waveform;
 
+pub use bmi088::{Bmi088, GyroDefect};
 pub use board::{Board, BoardConfig, CoreRegisters, ResetCause, SerialPort};
 pub use can::{CanError, CanFrame, CanId, CanPort, ErrorCounters};
 pub use chip::Chip;

@@ -116,6 +116,8 @@ codes! {
         Alone = 0x000E,
         /// The votes on the last SYNC came later than the agreement delay, see 0x2121:8.
         LateVote = 0x000F,
+        /// The gyro is not believed, and turns are taken from the wheels; 0x2132:1 says why.
+        Gyro = 0x0010,
     }
 }
 

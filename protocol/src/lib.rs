@@ -36,6 +36,7 @@ pub mod code;
 pub mod compensation;
 mod crc;
 pub mod generate;
+mod gyro;
 pub mod object;
 pub mod pdo;
 pub mod pdos;
@@ -51,6 +52,7 @@ pub use address::Address;
 pub use code::{Code, Fault, Limit, Reaction};
 pub use compensation::CompensationSet;
 pub use crc::crc32;
+pub use gyro::GyroState;
 pub use object::{Access, Kind, Object, Value};
 pub use pdo::{
     DecodeError, GroupTwist, MeasuredTwist, MemberState, MemberStatus, PoseReport, Scale,

@@ -32,7 +32,20 @@ pub(crate) struct Gyros {
     samples: Vec<GyroSample>,
 }
 
+/// Samples a second of a board's own gyro, and what sets its noise apart from the others'.
+const BOARD_HZ: u32 = 1000;
+const BOARD_SEED: u64 = 0x424D_4930_3838;
+
 impl Gyros {
+    /// Those on the robots' boards, as bad as the others and with more samples.
+    pub fn on_boards(simulation: &group::Simulation, poses: &[Pose<f64>]) -> Self {
+        let kind = Gyro {
+            rate_hz: BOARD_HZ,
+            ..simulation.gyro
+        };
+        Self::new(kind, simulation.seed ^ BOARD_SEED, poses)
+    }
+
     pub fn new(kind: Gyro, seed: u64, poses: &[Pose<f64>]) -> Self {
         Self {
             kind,

@@ -124,6 +124,8 @@ pub struct World {
     /// Parameters of the robots' gyros, and the gyros themselves once they are read.
     gyro: (Gyro, u64),
     gyros: Option<Gyros>,
+    /// Those on the robots' boards.
+    board_gyros: Option<Gyros>,
     /// Time of the last sample, and how long the bus had been taken then.
     truth_at: (u64, u64),
     worst_shape_error_mm: f64,
@@ -184,6 +186,8 @@ impl World {
             .map(|(place, (data, robot))| Unit::new(place, data, robot, &group.simulation))
             .collect();
         set_inertia(&mut units, plant.wheel_inertia());
+        let has_gyro = units.iter().any(|unit| unit.robot.has_gyro());
+        let board_gyros = has_gyro.then(|| Gyros::on_boards(&group.simulation, plant.poses()));
         let threads = match options.threads {
             _ if cfg!(not(feature = "host")) => 1,
             0 => std::thread::available_parallelism().map_or(1, usize::from),
@@ -210,6 +214,7 @@ impl World {
             noisy_poses: NoisyPoses::new(group.simulation.pose_noise, group.simulation.seed),
             gyro: (group.simulation.gyro, group.simulation.seed),
             gyros: None,
+            board_gyros,
             truth_at: (0, 0),
             worst_shape_error_mm: 0.0,
             digest: Digest::default(),
@@ -559,6 +564,15 @@ impl World {
         self.worst_shape_error_mm = self.worst_shape_error_mm.max(self.plant.shape_error_mm());
         if let Some(gyros) = &mut self.gyros {
             gyros.follow(self.now_ns, self.plant.poses());
+        }
+        if let Some(gyros) = &mut self.board_gyros {
+            gyros.follow(self.now_ns, self.plant.poses());
+            for sample in gyros.take(self.now_ns) {
+                let robots = self.units.iter_mut().map(|unit| &mut unit.robot);
+                for (robot, rate) in robots.zip(sample.rates) {
+                    robot.set_yaw_rate(rate);
+                }
+            }
         }
         let period = self.options.truth_period_ns;
         if period > 0 && self.now_ns.is_multiple_of(period) {

@@ -28,12 +28,13 @@ pub use stm32f4::drives::{ARE_WIRED as DRIVES_ARE_WIRED, Drives};
 pub use stm32f4::encoders::Encoders;
 pub use stm32f4::executors;
 pub use stm32f4::flash::ParameterFlash;
+pub use stm32f4::gyro::Gyro;
 pub use stm32f4::index::Indexes;
 pub use stm32f4::iwdg::{Watchdog, patiently};
 pub use stm32f4::meters::{Meters, calibrate as calibrate_meters};
 pub use stm32f4::outputs::Outputs;
 pub use stm32f4::program_flash::{BootCode, ProgramFlash};
-pub use stm32f4::serial::Serial;
+pub use stm32f4::serial::{IS_WIRED as CABLE_IS_WIRED, Serial};
 pub use stm32f4::tick::{TickMutex, TickTimer};
 pub use stm32f4::{Board, Led, Lines, now, reset};
 #[cfg(feature = "self-test")]

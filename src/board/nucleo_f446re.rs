@@ -123,6 +123,7 @@ const BRIDGES: Wiring = Wiring {
     protective_stop: pin("PC12"),
     node_switches: &pins(["PC8", "PC9", "PC10", "PC11"]),
     led: pin("PA5"),
+    gyro: None,
     cable: Some(Serial {
         receive: pin("PA3"),
         transmit: pin("PA2"),

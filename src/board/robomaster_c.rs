@@ -15,10 +15,13 @@
 //! | supply voltage, by the board's divider | ADC3 IN8 | PF10 |
 //! | driver fault, low is a fault | GPIO | PF0 (I2C2 SDA) |
 //! | protective stop, normally closed to ground; high asks for standstill | GPIO | PB13 (SPI2 SCK) |
+//! | gyro of the BMI088: clock, out of it, into it, select | SPI1, GPIO | PB3 PB4 PA7 PB0 |
+//! | gyro: select of the accelerometer beside it, always high | GPIO | PA4 |
 //! | LED, green | GPIO | PH11 |
 //!
 //! The wheels are turned by C620 or C610 drives on CAN2, through the board's own transceiver: its
-//! feature selects `drives-c620`.
+//! feature selects `drives-c620`. The gyro is one on the board: its z axis points up where the
+//! board lies with its connectors up, and nothing else is handled.
 //!
 //! # Limits
 //!
@@ -36,11 +39,12 @@
 //!
 //! The vendor's own configuration, `20.standard_robot/standard_robot.ioc` and
 //! `5.servo_motor/servo_motor.ioc` of RoboMaster/Development-Board-C-Examples at bd594e1 (pins, 12
-//! MHz crystal, PLL 6 and 168); RM0090 (chip); DS8626 (alternate functions). The connectors of SPI2
-//! and I2C2 have not been determined.
+//! MHz crystal, PLL 6 and 168; SPI1 with CS1_GYRO and CS1_ACCEL); RM0090 (chip); DS8626 (alternate
+//! functions). Its `18.ins_task` turns the sensor's axes about z alone, so z points up. The
+//! connectors of SPI2 and I2C2 have not been determined.
 
 use super::stm32f4::pin::{pin, pins};
-use super::stm32f4::wiring::{Analog, Can, Clocks, Wiring};
+use super::stm32f4::wiring::{Analog, Can, Clocks, Gyro, Wiring};
 
 /// Pins and clocks of this board.
 pub const WIRING: Wiring = Wiring {
@@ -80,4 +84,11 @@ pub const WIRING: Wiring = Wiring {
     node_switches: &[],
     led: pin("PH11"),
     cable: None,
+    gyro: Some(Gyro {
+        clock: pin("PB3"),
+        miso: pin("PB4"),
+        mosi: pin("PA7"),
+        select: pin("PB0"),
+        select_other: pin("PA4"),
+    }),
 };

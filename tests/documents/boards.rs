@@ -28,7 +28,8 @@ fn pins(text: &str) -> Vec<String> {
 }
 
 /// What a row of a pin table is about; the first word that fits decides.
-const FUNCTIONS: [(&str, &str); 15] = [
+const FUNCTIONS: [(&str, &str); 16] = [
+    ("gyro", "gyro"),
     ("index", "encoder index"),
     ("PWM", "PWM"),
     ("direction", "direction"),

@@ -43,7 +43,7 @@ pub fn run(board: Board, rest: &[String]) -> anyhow::Result<()> {
 }
 
 /// The tests of whole robots that have a part for Board C.
-const SYSTEM_TESTS: [&str; 4] = ["emulated", "smart_drives", "group_rules", "storage"];
+const SYSTEM_TESTS: [&str; 5] = ["emulated", "smart_drives", "gyro", "group_rules", "storage"];
 
 /// Runs the parts of the system tests that are for Board C, with its image.
 fn run_system(rest: &[String]) -> anyhow::Result<()> {

@@ -23,13 +23,15 @@ impl Motion {
         ]
     }
 
-    /// Measures the wheels since the last tick; returns the angle by which each turned, rad.
+    /// Measures the wheels since the last tick; returns the angle by which each turned, rad. `turn`
+    /// is what the gyro has seen meanwhile, rad.
     #[inline]
     pub(super) fn measure(
         &mut self,
         previous: &[u16; 4],
         inputs: &Inputs,
         dt: Time,
+        turn: Option<Angle>,
         report: &mut Report,
     ) -> [Angle; 4] {
         let turned = self.turned(previous, &inputs.encoder_counts);
@@ -44,7 +46,7 @@ impl Motion {
             *rate = wheel.observer.update(turned, acceleration, dt);
         }
         report.rates = rates;
-        self.locate(previous, inputs, rates, turned, report);
+        self.locate(previous, inputs, rates, turned, turn, report);
         turned
     }
 
@@ -56,6 +58,7 @@ impl Motion {
         inputs: &Inputs,
         rates: [Rate; 4],
         turned: [Angle; 4],
+        turn: Option<Angle>,
         report: &mut Report,
     ) {
         let (drivetrain, factors) = (&self.configuration.drivetrain, &self.factors);
@@ -74,6 +77,10 @@ impl Motion {
             report.measured = drivetrain.forward(rates, factors);
             report.slip_residual = drivetrain.unexplained(rates);
             drivetrain.forward(turned, factors)
+        };
+        let moved = match turn {
+            Some(turn) => drivetrain.turned_by(moved, turn),
+            None => moved,
         };
         self.odometry.advance(moved);
         report.odometry = self.odometry;

@@ -23,9 +23,10 @@ use protocol::Fault;
 use crate::brake::Brake;
 use crate::configuration::Configuration;
 use crate::current::Current;
+use crate::gyro::Gyro;
 use crate::interface::{Command, Inputs, Mode, Outputs, Report};
 use crate::limiter::Step;
-use crate::quantity::Voltage;
+use crate::quantity::{Angle, Voltage};
 use crate::rollers::{RollerState, Rollers};
 use crate::supply::Supply;
 use crate::threshold::{Hysteresis, Lasting};
@@ -73,6 +74,7 @@ struct Supervision {
     slip_fault: Lasting,
     identification: Option<Identification>,
     outcome: Option<Outcome>,
+    gyro: Gyro,
     report: Report,
 }
 
@@ -99,6 +101,7 @@ impl ControlSide {
                 slip_fault: Lasting::new(),
                 identification: None,
                 outcome: None,
+                gyro: Gyro::new(),
                 report: Report::NONE,
             },
         }
@@ -170,6 +173,12 @@ impl ControlSide {
         }
         side.report.obstacle = live_fault::<D>(inputs);
         side.report.protective_stop = inputs.protective_stop;
+        if cfg!(feature = "gyro")
+            && let Some(reading) = inputs.gyro
+        {
+            side.gyro.update(reading, &inputs.encoder_counts);
+            side.report.gyro = side.gyro.report();
+        }
         let Some(motion) = &mut self.motion else {
             side.report.mode = Mode::Off;
             return side.safe(command.mode == Mode::Ramp);
@@ -192,7 +201,11 @@ impl Supervision {
         elapsed_us: u32,
     ) -> Outputs {
         let tick = self.powered(motion, inputs, elapsed_us);
-        let turned = motion.measure(previous, inputs, tick.step.dt, &mut self.report);
+        let turn = match self.gyro.rate() {
+            Some(rate) if cfg!(feature = "gyro") => Some(Angle::new(rate * tick.step.dt.to_f32())),
+            _ => None,
+        };
+        let turned = motion.measure(previous, inputs, tick.step.dt, turn, &mut self.report);
         if D::MAY_RAMP
             && let Some(fault) = inputs.drive_fault
         {

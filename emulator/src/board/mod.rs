@@ -24,6 +24,7 @@ use rsemu::core::space::{AddressSpace, RamStore};
 use rsemu::cpu::arm::v7m::ArmV7m;
 
 use crate::address_space::{Shared, address_space};
+use crate::bmi088::Bmi088;
 use crate::can::port::Which;
 use crate::can::{Can, CanFrame, CanPort};
 use crate::chip::Chip;
@@ -338,6 +339,16 @@ impl Board {
     #[must_use]
     pub fn pwm(&self, timer: usize, channel: usize) -> PwmState {
         self.shared.look(|soc| soc.pwm(timer, channel))
+    }
+
+    /// Puts a gyro on SPI1, selected by a pin; it has just been switched on.
+    pub fn connect_gyro(&mut self, select: (Port, u8)) {
+        self.shared.look(|soc| soc.connect_gyro(select));
+    }
+
+    /// The gyro, if there is one.
+    pub fn with_gyro<T>(&mut self, f: impl FnOnce(&mut Bmi088) -> T) -> Option<T> {
+        self.shared.look(|soc| soc.gyro().map(f))
     }
 
     /// Turns the encoder that is wired to channels 1 and 2 of a timer by a number of quadrature

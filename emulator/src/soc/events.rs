@@ -4,7 +4,7 @@ use super::Soc;
 use crate::family::Family;
 use crate::system::map::irq;
 use crate::system::rcc::cause;
-use crate::timer::Timer;
+use crate::timer::{Kind, Timer};
 
 impl Soc {
     /// A debugger has held the core for some cycles up to now: the peripherals that its freeze bits
@@ -163,6 +163,19 @@ impl Soc {
             next = next.min(loads.min().unwrap_or(u64::MAX));
         }
         self.next_event = next;
+    }
+}
+
+/// Which kind of timer has a number.
+pub(super) fn timer_kind(family: Family, number: usize) -> Kind {
+    match number {
+        2 | 5 if family == Family::F1 => Kind::GENERAL_16,
+        1 | 8 => Kind::ADVANCED,
+        2 | 5 => Kind::GENERAL_32,
+        3 | 4 => Kind::GENERAL_16,
+        9 | 12 => Kind::TWO_CHANNELS,
+        6 | 7 => Kind::BASIC,
+        _ => Kind::ONE_CHANNEL,
     }
 }
 

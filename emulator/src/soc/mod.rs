@@ -8,6 +8,7 @@
 mod bus;
 mod events;
 mod pins;
+mod spi;
 mod wires;
 mod world;
 
@@ -15,6 +16,7 @@ use std::sync::Arc;
 
 use rsemu::core::space::RamStore;
 
+use crate::bmi088::Bmi088;
 use crate::board::BoardConfig;
 use crate::can::Can;
 use crate::chip::Chip;
@@ -34,8 +36,9 @@ use crate::system::iwdg::Iwdg;
 use crate::system::map::{Entry, Gate, Unit};
 use crate::system::pwr::Pwr;
 use crate::system::rcc::{Rcc, cause};
+use crate::system::spi::Spi;
 use crate::system::usart::Usart;
-use crate::timer::{Kind, Timer};
+use crate::timer::Timer;
 use crate::trace::Trace;
 
 /// First address of the debug unit's registers (RM0390 section 33.16): IDCODE, CR, two freeze
@@ -70,6 +73,9 @@ pub(crate) struct Soc {
     /// Its filters are `can`'s.
     pub(crate) can2: Can,
     pub(crate) usart2: Usart,
+    spi1: Spi,
+    /// The gyro on it, and its chip select.
+    gyro: Option<(Bmi088, (Port, u8))>,
     dma1: Dma,
     crc: Crc,
     /// What the DMA reads and writes.
@@ -120,18 +126,6 @@ impl Places {
     }
 }
 
-fn timer_kind(family: Family, number: usize) -> Kind {
-    match number {
-        2 | 5 if family == Family::F1 => Kind::GENERAL_16,
-        1 | 8 => Kind::ADVANCED,
-        2 | 5 => Kind::GENERAL_32,
-        3 | 4 => Kind::GENERAL_16,
-        9 | 12 => Kind::TWO_CHANNELS,
-        6 | 7 => Kind::BASIC,
-        _ => Kind::ONE_CHANNEL,
-    }
-}
-
 fn on_apb2(timer: usize) -> bool {
     matches!(timer, 1 | 8..=11)
 }
@@ -174,7 +168,7 @@ impl Soc {
             iwdg: Iwdg::new(config.lsi_hz),
             adcs,
             timers: std::array::from_fn(|number| {
-                let mut timer = Timer::new(timer_kind(chip.family, number));
+                let mut timer = Timer::new(events::timer_kind(chip.family, number));
                 if defects.has(Defect::InputFilters) {
                     timer.remove_filters();
                 }
@@ -183,6 +177,8 @@ impl Soc {
             can,
             can2: Can::default(),
             usart2: Usart::new(),
+            spi1: Spi::default(),
+            gyro: None,
             dma1: Dma::default(),
             crc: Crc::default(),
             ram,
@@ -214,6 +210,7 @@ impl Soc {
         self.can.reset();
         self.can2.reset();
         self.usart2.reset();
+        self.spi1.reset();
         self.dma1.reset();
         self.crc.reset();
         self.reset_request = 0;
@@ -339,15 +336,15 @@ impl Soc {
             Unit::Can1 | Unit::Can2 => Can::register_name(offset),
             Unit::Rcc => self.rcc.register_name(offset),
             Unit::Usart2 => Usart::register_name(offset),
+            Unit::Spi1 => Spi::register_name(offset),
             Unit::Dma1 => Dma::register_name(offset),
             Unit::Crc => Crc::register_name(offset),
             Unit::Flash => self.flash.register_name(offset),
             _ => "",
         };
-        let register = if register.is_empty() {
-            format!("+{offset:#x}")
-        } else {
-            register.to_owned()
+        let register = match register {
+            "" => format!("+{offset:#x}"),
+            name => name.to_owned(),
         };
         if what.is_empty() {
             format!("{}_{register}", entry.name)
@@ -384,6 +381,7 @@ impl Soc {
                 self.settle();
                 Ok(word)
             }
+            Unit::Spi1 => self.read_spi(offset).ok_or(""),
             Unit::Dma1 => self.dma1.read(offset).ok_or(""),
             Unit::Crc => self.crc.read(offset).ok_or(""),
             Unit::Rcc => {
@@ -418,6 +416,7 @@ impl Soc {
             Unit::Gpio(port) => {
                 let before = self.gpio[port as usize].idr();
                 self.gpio[port as usize].write(offset, value).ok_or("")?;
+                self.select_gyro();
                 self.pins_changed(port, before);
                 if self.gpio[port as usize].connects(offset) {
                     (0..16).for_each(|pin| self.timer_input(port, pin));
@@ -432,6 +431,7 @@ impl Soc {
                 self.serve_usart();
                 Ok(())
             }
+            Unit::Spi1 => self.write_spi(offset, value),
             Unit::Dma1 => {
                 self.dma1.write(offset, value)?;
                 self.serve_usart();
@@ -512,6 +512,7 @@ impl Soc {
                 Unit::Can1 => self.can.reset(),
                 Unit::Can2 => self.can2.reset(),
                 Unit::Usart2 => self.usart2.reset(),
+                Unit::Spi1 => self.spi1.reset(),
                 Unit::Dma1 => self.dma1.reset(),
                 Unit::Crc => self.crc.reset(),
                 Unit::Pwr => self.pwr.reset(),
@@ -542,6 +543,7 @@ impl Soc {
         self.can.set_ratio(hclk / clocks.pclk1.max(1));
         self.can2.set_ratio(hclk / clocks.pclk1.max(1));
         self.usart2.set_ratio(hclk / clocks.pclk1.max(1));
+        self.spi1.set_ratio(hclk / clocks.pclk2.max(1));
         for adc in &mut self.adcs {
             adc.set_clock(self.rcc.adc_source(clocks.pclk2));
         }

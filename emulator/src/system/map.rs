@@ -57,6 +57,8 @@ pub enum Unit {
     AdcCommon,
     /// USART2.
     Usart2,
+    /// SPI1.
+    Spi1,
     /// DMA1.
     Dma1,
     /// The CRC unit.
@@ -90,8 +92,8 @@ pub(crate) const fn entry(base: u32, name: &'static str, gate: Gate, unit: Unit)
 
 use Gate::{Ahb1, Ahb2, AnyOfApb2, Apb1, Apb2, None as Always};
 use Unit::{
-    Adc, AdcCommon, Can1, Can2, Crc, Dma1, Exti, Flash, Gpio, Iwdg, Other, Pwr, Rcc, Syscfg, Timer,
-    Usart2,
+    Adc, AdcCommon, Can1, Can2, Crc, Dma1, Exti, Flash, Gpio, Iwdg, Other, Pwr, Rcc, Spi1, Syscfg,
+    Timer, Usart2,
 };
 
 /// The peripherals outside the core that all chips have, by address. Each reaches up to the next,
@@ -131,7 +133,7 @@ pub const STM32F4: &[Entry] = &[
     entry(0x4001_2200, "ADC3", Apb2(10), Adc(3)),
     entry(0x4001_2300, "ADC", AnyOfApb2(7 << 8), AdcCommon),
     entry(0x4001_2C00, "SDIO", Apb2(11), Other),
-    entry(0x4001_3000, "SPI1", Apb2(12), Other),
+    entry(0x4001_3000, "SPI1", Apb2(12), Spi1),
     entry(0x4001_3800, "SYSCFG", Apb2(14), Syscfg),
     entry(0x4001_3C00, "EXTI", Always, Exti),
     entry(0x4001_4000, "TIM9", Apb2(16), Timer(9)),

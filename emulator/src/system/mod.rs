@@ -13,4 +13,5 @@ pub mod map;
 pub mod pins;
 pub mod pwr;
 pub mod rcc;
+pub(crate) mod spi;
 pub(crate) mod usart;

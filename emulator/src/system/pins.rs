@@ -39,7 +39,16 @@ pub(crate) struct Pins {
     pub(crate) can2_transmit: &'static [Route],
     pub(crate) usart2_receive: &'static [Route],
     pub(crate) usart2_transmit: &'static [Route],
+    /// SPI1: clock, in and out of a master.
+    pub(crate) spi1: [&'static [Route]; 3],
 }
+
+/// SPI1 of the chips that have it modelled: SCK, MISO, MOSI.
+const SPI1: [&[Route]; 3] = [
+    &[route(A, 5, 5), route(B, 3, 5)],
+    &[route(A, 6, 5), route(B, 4, 5)],
+    &[route(A, 7, 5), route(B, 5, 5)],
+];
 
 /// Channels of timers that all chips have.
 const CHANNELS: &[Row] = &[
@@ -128,6 +137,7 @@ pub(crate) const F446: Pins = Pins {
     can2_transmit: &[route(B, 6, 9), route(B, 13, 9)],
     usart2_receive: &[route(A, 3, 7)],
     usart2_transmit: &[route(A, 2, 7)],
+    spi1: SPI1,
 };
 
 /// DS8626.
@@ -190,6 +200,7 @@ pub(crate) const F407: Pins = Pins {
     can2_transmit: &[route(B, 6, 9), route(B, 13, 9)],
     usart2_receive: &[route(A, 3, 7), route(D, 6, 7)],
     usart2_transmit: &[route(A, 2, 7), route(D, 5, 7)],
+    spi1: SPI1,
 };
 
 /// Channels that a remap of an STM32F103 gives to a pin: the values of the field of AFIO_MAPR.
@@ -267,6 +278,7 @@ pub(crate) const F103: Pins = Pins {
     can2_transmit: &[],
     usart2_receive: &[route(A, 3, when(afio::USART2, 0b01))],
     usart2_transmit: &[route(A, 2, when(afio::USART2, 0b01))],
+    spi1: [&[]; 3],
 };
 
 impl Pins {

@@ -6,7 +6,7 @@ use omnibus::bus::wire::Wire;
 use omnibus::commission::survey::{Survey, ask};
 use omnibus::error::MasterError;
 use protocol::address::history;
-use protocol::{Code, Fault, Kind, StoredFault, address};
+use protocol::{Code, Fault, GyroState, Kind, StoredFault, address};
 use serde_json::json;
 
 use super::output::{self, Found};
@@ -178,6 +178,25 @@ fn motor_temperature(
         Err(MasterError::Refused { .. }) => Ok(None),
         Err(error) => Err(error),
     }
+}
+
+/// State and bias, rad/s, of a robot's gyro; `None` where there is none.
+fn gyro(
+    wire: &mut Wire<Box<dyn omnibus::bus::link::Link>>,
+    node: u8,
+) -> Result<Option<(GyroState, f32)>, MasterError> {
+    let state = match wire.read(node, address::GYRO_STATE, Kind::U8) {
+        Ok(value) => u8::try_from(value.to_bits()).ok(),
+        // A robot that does not have the object.
+        Err(MasterError::Refused { .. }) => None,
+        Err(error) => return Err(error),
+    };
+    let state = state.and_then(GyroState::from_number);
+    let Some(state) = state.filter(|state| *state != GyroState::None) else {
+        return Ok(None);
+    };
+    let bias = wire.read(node, address::GYRO_BIAS, Kind::F32)?;
+    Ok(Some((state, f32::from_bits(bias.to_bits()))))
 }
 
 /// What a robot has lost between its cable and its bus since it started.
@@ -371,6 +390,10 @@ pub fn status(arguments: &Status) -> anyhow::Result<()> {
         if let Some(degrees) = temperature {
             row["motor_temperature_c"] = json!(degrees);
         }
+        let gyro = gyro(&mut wire, node)?;
+        if let Some((state, bias)) = gyro {
+            row["gyro"] = json!({"state": state.text(), "bias_rad_s": bias});
+        }
         if arguments.history {
             let history = History::read(&mut wire, node)?;
             row["history"] = history.json();
@@ -387,6 +410,14 @@ pub fn status(arguments: &Status) -> anyhow::Result<()> {
         let hot = temperature
             .map(|degrees| format!("node {node}: the hottest motor has {degrees} degrees Celsius"));
         meanings.extend(hot);
+        let gyro = gyro.map(|(state, bias)| {
+            let bias = bias.to_degrees();
+            format!(
+                "node {node}: gyro {}, bias {bias:.2} degrees/s",
+                state.text()
+            )
+        });
+        meanings.extend(gyro);
         let lost = losses.as_ref().and_then(CableLosses::text);
         meanings.extend(lost.map(|lost| format!("node {node}: {lost}")));
         table.add_row([

@@ -46,6 +46,7 @@ const PARTS: &[&[Record]] = &[
     diagnostics::POWER_RECORDS,
     diagnostics::FAULT_MEMORY_RECORDS,
     diagnostics::CAN_RECORDS,
+    diagnostics::GYRO_RECORDS,
 ];
 
 /// How many objects there are.

@@ -105,6 +105,8 @@ impl Application {
                 } else {
                     Limit::GroupScale
                 })
+            } else if cfg!(feature = "gyro") && self.report.gyro.state.has_failed() {
+                Some(Limit::Gyro)
             } else {
                 None
             }

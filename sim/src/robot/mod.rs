@@ -11,6 +11,7 @@ pub mod native;
 mod program_flash;
 
 use canopen::Frame;
+use emulator::GyroDefect;
 use group::Driver;
 
 use crate::bus::errors::{ErrorCounters, ErrorState, TransmitError};
@@ -125,6 +126,21 @@ pub trait Robot: Send {
     /// Something happens to the smart drive of a wheel.
     fn change_smart_drive(&mut self, wheel: usize, change: DriveChange) {
         let _ = (wheel, change);
+    }
+
+    /// Whether its board has a gyro.
+    fn has_gyro(&self) -> bool {
+        false
+    }
+
+    /// Its gyro, if it has one, measures this rate about the axis that points up, rad/s.
+    fn set_yaw_rate(&mut self, rate: f64) {
+        let _ = rate;
+    }
+
+    /// Something is wrong with its gyro, or no more.
+    fn set_gyro_defect(&mut self, defect: Option<GyroDefect>) {
+        let _ = defect;
     }
 
     /// The wheels turn at these rates, rad/s: for drives that measure them.

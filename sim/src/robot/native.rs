@@ -23,10 +23,12 @@ mod drives;
 
 use canopen::{Frame, NodeId};
 use control::clock::TickSchedule;
+use control::gyro::Reading;
 use control::interface::{Inputs, Outputs, Report};
 use control::output_stage::OutputStage;
 use control::tick::ControlSide;
 use control::time::{Micros, TICK_US};
+use emulator::{Bmi088, GyroDefect};
 use group::Driver;
 use protocol::{Fault, StoredFault};
 use robot::lock::{Code, Key, NO_KEY, hmac_sha512};
@@ -91,6 +93,8 @@ pub struct NativeRobot {
     smart: Option<(group::Robot, SmartDrives)>,
     /// Kinds of drives that its image has.
     output_stages: u8,
+    /// Its gyro, where its board has one.
+    gyro: Option<Bmi088>,
     /// The line of its motor drivers reports a fault.
     driver_fault: bool,
     crystal_ppm: f64,
@@ -104,7 +108,18 @@ pub struct NativeRobot {
     inputs: Inputs,
     /// The state that exists only with power.
     live: Live,
+    /// Whether this tick has a sample of the gyro.
+    samples: bool,
     log: Vec<LogLine>,
+}
+
+/// What the firmware's driver says of a gyro: a sample every second tick.
+fn read(gyro: &Bmi088, samples: bool) -> Reading {
+    match gyro.defect() {
+        Some(GyroDefect::Absent | GyroDefect::Identifier(_)) => Reading::Missing,
+        _ if samples => Reading::Rate(gyro.rate_z()),
+        _ => Reading::Waiting,
+    }
 }
 
 /// Its fault memory.
@@ -215,6 +230,7 @@ impl NativeRobot {
             driver: Driver::default(),
             smart: None,
             output_stages: Identity::SWITCHED,
+            gyro: None,
             driver_fault: false,
             crystal_ppm,
             flash: None,
@@ -236,6 +252,7 @@ impl NativeRobot {
                 &mut program,
             ),
             program,
+            samples: false,
             log: Vec::new(),
         })
     }
@@ -303,6 +320,10 @@ impl NativeRobot {
         let (now, control) = (self.live.next_tick, &mut self.live.control);
         let mut inputs = self.inputs;
         inputs.drive_fault = self.driver_fault.then_some(Fault::DriverFault);
+        inputs.gyro = self.gyro.as_ref().map(|gyro| {
+            self.samples = !self.samples;
+            read(gyro, self.samples)
+        });
         self.live.outputs = if let Some((_, drives)) = &mut self.smart {
             let (counts, fault) = drives.read(now);
             inputs.encoder_counts = counts;

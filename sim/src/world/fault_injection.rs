@@ -7,6 +7,7 @@
 //! for them.
 
 use canopen::Frame;
+use emulator::GyroDefect;
 
 use super::index::IndexState;
 use super::unit::Unit;
@@ -50,6 +51,13 @@ impl World {
     pub fn set_smart_drive(&mut self, robot: usize, wheel: usize, change: DriveChange) {
         if let Some(unit) = self.touched(robot) {
             unit.robot.change_smart_drive(wheel, change);
+        }
+    }
+
+    /// Something is wrong with a robot's gyro, or no more.
+    pub fn set_gyro_defect(&mut self, robot: usize, defect: Option<GyroDefect>) {
+        if let Some(unit) = self.touched(robot) {
+            unit.robot.set_gyro_defect(defect);
         }
     }
 

@@ -19,6 +19,7 @@ pub mod executors;
 pub mod flash;
 #[cfg(feature = "bench")]
 mod freeze;
+pub mod gyro;
 pub mod index;
 pub mod iwdg;
 pub mod meters;
@@ -37,6 +38,7 @@ use self::can::Can;
 use self::drives::Drives;
 use self::encoders::Encoders;
 use self::flash::ParameterFlash;
+use self::gyro::Gyro;
 use self::index::Indexes;
 use self::iwdg::Watchdog;
 use self::meters::Meters;
@@ -58,6 +60,8 @@ pub struct Board {
     pub encoders: Encoders,
     /// Smart drives, where they turn the wheels.
     pub drives: Drives,
+    /// The gyro, where the board has one.
+    pub gyro: Gyro,
     /// Encoder index inputs.
     pub indexes: Indexes,
     /// Inputs whose level counts.
@@ -157,6 +161,7 @@ impl Board {
             outputs,
             encoders,
             drives,
+            gyro: Gyro::new(),
             indexes,
             lines,
             meters: Meters::new(),

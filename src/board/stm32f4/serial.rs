@@ -85,6 +85,9 @@ pub struct Arrived {
     pub damaged: bool,
 }
 
+/// Whether the board has a port for a cable.
+pub const IS_WIRED: bool = WIRING.cable.is_some();
+
 impl Serial {
     /// Switches the port on; `None` on a board without one.
     pub fn new() -> Option<Self> {

@@ -4,7 +4,7 @@
 //! code without `self`: interrupt handlers, the transition to the safe state, and the first
 //! instructions after reset. As a constant it costs no instruction. The family fixes the use of
 //! each timer: TIM1 the PWM, TIM8 driver enable and brake or each wheel's second PWM, TIM7 the
-//! tick, TIM9 the local time, USART2 the cable.
+//! tick, TIM9 the local time, USART2 the cable, SPI1 the gyro.
 
 use embassy_stm32::Config;
 use embassy_stm32::rcc::{
@@ -61,6 +61,23 @@ pub struct Wiring {
     pub led: Pin,
     /// The serial port of the cable: USART2.
     pub cable: Option<Serial>,
+    /// The gyro of a BMI088 on SPI1, its z axis up.
+    pub gyro: Option<Gyro>,
+}
+
+/// Pins of a BMI088.
+#[derive(Clone, Copy)]
+pub struct Gyro {
+    /// Clock.
+    pub clock: Pin,
+    /// Out of the sensor.
+    pub miso: Pin,
+    /// Into the sensor.
+    pub mosi: Pin,
+    /// Chip select of the gyro.
+    pub select: Pin,
+    /// Chip select of the accelerometer.
+    pub select_other: Pin,
 }
 
 /// Pins of USART2.

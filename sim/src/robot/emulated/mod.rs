@@ -4,10 +4,10 @@
 //!
 //! The board is the one that the image is for, and `wiring` has its pins. A closed contact of the
 //! emergency stop and of the protective stop pulls low, a driver's fault is low, a closed switch is
-//! 1 (node = 2 + value). The supply is divided by 11. The motor driver is the one the world has
-//! ([`crate::bridge`]); pull-downs hold every output low that the board does not drive. An
-//! encoder's index is high for a moment at each pulse. A board without switches gets its node-ID by
-//! LSS before the world begins.
+//! 1 (node = 2 + value). A board with a gyro has it on its SPI. The supply is divided by 11. The
+//! motor driver is the one the world has ([`crate::bridge`]); pull-downs hold every output low that
+//! the board does not drive. An encoder's index is high for a moment at each pulse. A board without
+//! switches gets its node-ID by LSS before the world begins.
 //!
 //! # Time
 //!
@@ -22,7 +22,7 @@ mod robot;
 mod wiring;
 
 use canopen::{Frame, NodeId};
-use emulator::{Board, BoardConfig, CanId, Firmware, PinLevel};
+use emulator::{Board, BoardConfig, CanId, Firmware, GyroDefect, PinLevel};
 use group::Driver;
 
 use self::commission::commissioned;
@@ -66,6 +66,7 @@ pub struct EmulatedRobot {
     emergency_stop: bool,
     driver_fault: bool,
     protective_stop: bool,
+    gyro_defect: Option<GyroDefect>,
     /// V.
     supply: f64,
     /// Instructions and log of the boards before this one.
@@ -160,6 +161,7 @@ impl EmulatedRobot {
             emergency_stop: false,
             driver_fault: false,
             protective_stop: false,
+            gyro_defect: None,
             supply: 0.0,
             instructions_before: 0,
             log_before: Vec::new(),
@@ -200,6 +202,11 @@ impl EmulatedRobot {
         self.wire_emergency_stop();
         self.set_pin(self.wiring.driver_fault, !self.driver_fault);
         self.set_pin(self.wiring.protective_stop, self.protective_stop);
+        if let Some(select) = self.wiring.gyro {
+            self.board.connect_gyro(select);
+            let defect = self.gyro_defect;
+            self.board.with_gyro(|gyro| gyro.set_defect(defect));
+        }
         let (port, pin) = self.wiring.supply;
         self.board
             .set_analog(port, pin, self.supply / SUPPLY_DIVIDER);

@@ -2,7 +2,7 @@
 
 use canopen::Frame;
 use canopen::bits::frame_bits;
-use emulator::{Board, CanError, CanFrame, Change};
+use emulator::{Board, CanError, CanFrame, Change, GyroDefect};
 use group::Driver;
 
 use super::{EmulatedRobot, PWM_TIMER, SETTLING_NS, SUPPLY_DIVIDER};
@@ -116,6 +116,19 @@ impl Robot for EmulatedRobot {
             bus.change(wheel, change);
         }
         self.look_at_bridges();
+    }
+
+    fn has_gyro(&self) -> bool {
+        self.wiring.gyro.is_some()
+    }
+
+    fn set_yaw_rate(&mut self, rate: f64) {
+        self.board.with_gyro(|gyro| gyro.set_rate(rate));
+    }
+
+    fn set_gyro_defect(&mut self, defect: Option<GyroDefect>) {
+        self.gyro_defect = defect;
+        self.board.with_gyro(|gyro| gyro.set_defect(defect));
     }
 
     fn set_wheel_rates(&mut self, rates: [f64; 4]) {

@@ -27,6 +27,8 @@ pub(super) struct Wiring {
     /// Supply behind its divider, and current sensors.
     pub(super) supply: Pin,
     pub(super) currents: &'static [Pin],
+    /// Chip select of the gyro on SPI1.
+    pub(super) gyro: Option<Pin>,
     /// Switches of the node-ID, the lowest bit first.
     pub(super) switches: &'static [Pin],
 }
@@ -51,6 +53,7 @@ static NUCLEO_F446RE: Wiring = Wiring {
     protective_stop: (C, 12),
     supply: (A, 4),
     currents: &[(A, 7), (C, 4), (C, 5)],
+    gyro: None,
     switches: &[(C, 8), (C, 9), (C, 10), (C, 11)],
 };
 
@@ -73,6 +76,7 @@ static NUCLEO_F446RE_TWO_PWMS: Wiring = Wiring {
     protective_stop: (C, 12),
     supply: (A, 4),
     currents: &[(A, 7), (C, 4), (C, 5)],
+    gyro: None,
     switches: &[(C, 0), (C, 1), (C, 10), (C, 11)],
 };
 
@@ -89,6 +93,7 @@ static ROBOMASTER_C: Wiring = Wiring {
     protective_stop: (B, 13),
     supply: (F, 10),
     currents: &[],
+    gyro: Some((B, 0)),
     switches: &[],
 };
 

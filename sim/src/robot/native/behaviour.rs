@@ -3,6 +3,7 @@
 use canopen::Frame;
 use control::quantity::InputVoltage;
 use control::time::Micros;
+use emulator::{Bmi088, GyroDefect};
 use group::Driver;
 use protocol::Fault;
 use robot::Identity;
@@ -177,12 +178,29 @@ impl Robot for NativeRobot {
             Identity::SWITCHED
         };
         // It runs another image then.
+        self.gyro = (robot.board == group::Board::RobomasterC).then(Bmi088::default);
         self.set_power(self.powered);
     }
 
     fn change_smart_drive(&mut self, wheel: usize, change: DriveChange) {
         if let Some((_, drives)) = &mut self.smart {
             drives.change(wheel, change);
+        }
+    }
+
+    fn has_gyro(&self) -> bool {
+        self.gyro.is_some()
+    }
+
+    fn set_yaw_rate(&mut self, rate: f64) {
+        if let Some(gyro) = &mut self.gyro {
+            gyro.set_rate(rate);
+        }
+    }
+
+    fn set_gyro_defect(&mut self, defect: Option<GyroDefect>) {
+        if let Some(gyro) = &mut self.gyro {
+            gyro.set_defect(defect);
         }
     }
 

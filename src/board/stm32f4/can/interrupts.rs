@@ -7,6 +7,7 @@ use embassy_stm32::{bind_interrupts, pac};
 
 use protocol::cob;
 
+use super::super::serial::IS_WIRED as CABLE_IS_WIRED;
 use super::cable::{GATEWAY, collect_sent, leaving_mailbox, print_to_cable};
 use super::mailboxes::frame_of;
 use super::{
@@ -46,7 +47,7 @@ impl Handler<typelevel::CAN1_RX0> for RxHandler {
             let is_in = |codes: &AtomicU16| codes.load(Ordering::Relaxed) >> (id >> 7) & 1 == 1;
             let own = id & 0x7F == OWN_NODE.load(Ordering::Relaxed);
             let wanted = own || is_in(&LISTENS_TO);
-            let gateway = GATEWAY.load(Ordering::Relaxed);
+            let gateway = CABLE_IS_WIRED && GATEWAY.load(Ordering::Relaxed);
             let frame = (wanted || gateway).then(|| {
                 frame_of(
                     id,
