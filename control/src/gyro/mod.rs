@@ -51,8 +51,9 @@ const SPREAD: u16 = 48;
 const LARGEST_BIAS: f32 = 82.0;
 /// What the gyro shows at rest at most, counts: half a degree/s, more than three times its noise.
 const REST_RATE: f32 = 8.2;
-/// Wheels that stand may tremble by this many counts.
-const TREMBLE: u16 = 2;
+/// Wheels that stand may tremble by this many counts: a fiftieth of a degree of a wheel behind an
+/// M3508, whose rotor has 8192 in each of its 19 turns.
+const TREMBLE: u16 = 8;
 /// Samples after which wheels that stand mean rest.
 const SETTLED: u16 = 50;
 /// As many equal samples in a row are no measurement: the noise makes four of five differ.
