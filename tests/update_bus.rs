@@ -2,12 +2,14 @@
 //! client that walks the sequence of Zephyr's.
 //!
 //! `OMNIBUS_ELF` names the image for slot A, which has the boot code with it, and
-//! `OMNIBUS_ELF_SLOT_B` the one for slot B (`cargo xtask test` builds them and says so).
+//! `OMNIBUS_ELF_SLOT_B` the one for slot B; `OMNIBUS_ELF_BOARD_C` and `OMNIBUS_ELF_BOARD_C_SLOT_B`
+//! those of RoboMaster's Board C, and `OMNIBUS_ELF_DRIVES` the reference board's with smart drives
+//! (`cargo xtask test` builds them and says so).
 
 use boot::Slot;
 use boot::header::Board as ImageBoard;
 use boot::records::{ATTEMPTS, State};
-use canopen::Frame;
+use canopen::{AbortCode, Frame};
 use emulator::{BoardConfig, Defect, ResetCause};
 use protocol::{Address, address as at, cob};
 use robot::update::{Problem, order};
@@ -17,11 +19,51 @@ mod file;
 #[path = "update/robot.rs"]
 mod robot_on_bus;
 
-use file::{File, NEW};
+use file::{BOARD_C, DRIVES, File, NEW, REFERENCE, Robots};
 use robot_on_bus::{Content, Failure, LONG_US, MS, NODE, Robot, SHORT_US};
 
 /// Object 0x1017.
 const HEARTBEAT: Address = Address::new(0x1017, 0);
+
+/// These tests with robots of a kind.
+macro_rules! tests {
+    ($robots:ident: $($test:ident)*) => {
+        $(#[test] fn $test() { super::$test(&super::$robots); })*
+    };
+}
+
+mod reference {
+    tests! { REFERENCE:
+        a_poll_is_answered_while_a_sector_is_erased
+        what_else_is_asked_while_a_sector_is_erased_is_answered_after_it
+        power_lost_anywhere_in_an_update_leaves_a_robot_that_boots_and_takes_the_next
+        an_image_that_fails_gives_way_to_the_old_one
+        an_image_that_is_never_confirmed_gives_way_to_the_old_one
+        an_image_that_confirms_itself_and_dies_is_started_again_and_can_be_sent_back
+        a_transfer_that_is_wrong_is_refused_and_the_next_one_taken
+        the_same_image_again_and_an_older_one_are_taken
+        an_image_for_other_robots_is_refused
+    }
+}
+
+/// Another chip with the same sectors.
+mod board_c {
+    tests! { BOARD_C:
+        a_poll_is_answered_while_a_sector_is_erased
+        what_else_is_asked_while_a_sector_is_erased_is_answered_after_it
+        power_lost_anywhere_in_an_update_leaves_a_robot_that_boots_and_takes_the_next
+        an_image_that_fails_gives_way_to_the_old_one
+        an_image_that_is_never_confirmed_gives_way_to_the_old_one
+        an_image_that_confirms_itself_and_dies_is_started_again_and_can_be_sent_back
+        a_transfer_that_is_wrong_is_refused_and_the_next_one_taken
+        the_same_image_again_and_an_older_one_are_taken
+        an_image_for_other_robots_is_refused
+    }
+}
+
+mod smart_drives {
+    tests! { DRIVES: an_image_for_other_robots_is_refused }
+}
 
 /// A robot as it was flashed by cable, on the bus.
 fn flashed(file: &File) -> Robot {
@@ -61,9 +103,8 @@ fn slot_after(file: &File, content: &Content) -> (Robot, Option<Slot>) {
 
 /// A client whose time-out is a sixth of the longest erase is answered all the time, on slow flash
 /// and with the fastest oscillator of the watchdog as well; and the heartbeat goes on.
-#[test]
-fn a_poll_is_answered_while_a_sector_is_erased() {
-    let file = File::new();
+fn a_poll_is_answered_while_a_sector_is_erased(robots: &Robots) {
+    let file = File::new(robots);
     for (times, lsi_hz) in [(1, 32_000), (2, 47_000)] {
         let config = BoardConfig {
             lsi_hz,
@@ -97,9 +138,8 @@ fn a_poll_is_answered_while_a_sector_is_erased() {
 }
 
 /// Another request than the poll, and one of NMT, wait for the end of the sector, and are not lost.
-#[test]
-fn what_else_is_asked_while_a_sector_is_erased_is_answered_after_it() {
-    let file = File::new();
+fn what_else_is_asked_while_a_sector_is_erased_is_answered_after_it(robots: &Robots) {
+    let file = File::new(robots);
     let mut robot = flashed(&file);
     robot.control(order::STOP).unwrap();
     robot.control(order::CLEAR).unwrap();
@@ -122,9 +162,8 @@ fn what_else_is_asked_while_a_sector_is_erased_is_answered_after_it() {
 /// Power lost in every erase, in every word of what is known about the slots, and in some of the
 /// image: the robot then runs the old image or, once that was ordered, the new one, and takes
 /// another update.
-#[test]
-fn power_lost_anywhere_in_an_update_leaves_a_robot_that_boots_and_takes_the_next() {
-    let file = File::new();
+fn power_lost_anywhere_in_an_update_leaves_a_robot_that_boots_and_takes_the_next(robots: &Robots) {
+    let file = File::new(robots);
     let download = file.download(|_| ());
     let operations = |robot: &Robot| {
         let done = robot.board.flash_operations();
@@ -209,28 +248,20 @@ struct Bad {
     /// A function of the image and the code that it begins with instead.
     code: Option<(&'static str, [u16; 2])>,
     /// What happens to it once it is on the bus.
-    on_bus: Option<fn(&mut Robot)>,
+    on_bus: Option<fn(&mut Robot, &File)>,
 }
 
 /// The robot's program panics.
-fn panic(robot: &mut Robot) {
-    // The image for slot B: the same offset as in the one for slot A.
-    let file = File::new();
-    let mut functions = file.firmware.functions().iter();
-    let found = functions.find(|function| function.name == "_defmt_panic");
-    let address = found.expect("the handler is in the image").address;
-    robot
-        .board
-        .jump(address + Slot::B.address() - Slot::A.address());
+fn panic(robot: &mut Robot, file: &File) {
+    robot.board.jump(file.address("_defmt_panic"));
 }
 
-fn hang(robot: &mut Robot) {
+fn hang(robot: &mut Robot, _: &File) {
     robot.board.halt(true);
 }
 
 /// The new image is started three times, and fails every time; then the old one runs.
-#[test]
-fn an_image_that_fails_gives_way_to_the_old_one() {
+fn an_image_that_fails_gives_way_to_the_old_one(robots: &Robots) {
     const ITSELF: [u16; 2] = [0xE7FE, 0xE7FE];
     const UNDEFINED: [u16; 2] = [0xDE00, 0xE7FE];
     for bad in [
@@ -256,8 +287,8 @@ fn an_image_that_fails_gives_way_to_the_old_one() {
         },
     ] {
         let file = match bad.code {
-            Some((function, code)) => File::new().replace(function, &code),
-            None => File::new(),
+            Some((function, code)) => File::new(robots).replace(function, &code),
+            None => File::new(robots),
         };
         let mut robot = flashed(&file);
         bring(&mut robot, &file.download(|_| ())).unwrap();
@@ -265,7 +296,7 @@ fn an_image_that_fails_gives_way_to_the_old_one() {
             for _ in 0..ATTEMPTS {
                 assert!(robot.boots_within(500 * MS).unwrap(), "{}", bad.name);
                 assert_eq!(robot.slot(), Some(Slot::B), "{}", bad.name);
-                fail(&mut robot);
+                fail(&mut robot, &file);
             }
         }
         assert!(robot.boots_within(20_000 * MS).unwrap(), "{}", bad.name);
@@ -286,9 +317,8 @@ fn an_image_that_fails_gives_way_to_the_old_one() {
 }
 
 /// Nobody confirms the image, and it hears no master: it starts again after a minute.
-#[test]
-fn an_image_that_is_never_confirmed_gives_way_to_the_old_one() {
-    let file = File::new();
+fn an_image_that_is_never_confirmed_gives_way_to_the_old_one(robots: &Robots) {
+    let file = File::new(robots);
     let mut robot = flashed(&file);
     bring(&mut robot, &file.download(|_| ())).unwrap();
     assert!(robot.boots().unwrap());
@@ -305,9 +335,8 @@ fn an_image_that_is_never_confirmed_gives_way_to_the_old_one() {
 
 /// An image that hears SYNC and its master confirms itself. If it fails after that, it is started
 /// again, and the client can have the old one back.
-#[test]
-fn an_image_that_confirms_itself_and_dies_is_started_again_and_can_be_sent_back() {
-    let file = File::new();
+fn an_image_that_confirms_itself_and_dies_is_started_again_and_can_be_sent_back(robots: &Robots) {
+    let file = File::new(robots);
     let mut robot = flashed(&file);
     bring(&mut robot, &file.download(|_| ())).unwrap();
     robot.master = true;
@@ -319,7 +348,7 @@ fn an_image_that_confirms_itself_and_dies_is_started_again_and_can_be_sent_back(
     let state = State::read(&robot.content(), Slot::B);
     assert!(matches!(state, State::Confirmed { .. }), "{state:?}");
     for _ in 0..=ATTEMPTS {
-        panic(&mut robot);
+        panic(&mut robot, &file);
         assert!(robot.boots_within(500 * MS).unwrap());
         assert_eq!(robot.slot(), Some(Slot::B));
     }
@@ -329,9 +358,8 @@ fn an_image_that_confirms_itself_and_dies_is_started_again_and_can_be_sent_back(
 }
 
 /// Transfers that are not what they should be, each followed by the right one.
-#[test]
-fn a_transfer_that_is_wrong_is_refused_and_the_next_one_taken() {
-    let file = File::new();
+fn a_transfer_that_is_wrong_is_refused_and_the_next_one_taken(robots: &Robots) {
+    let file = File::new(robots);
     let good = file.download(|_| ());
     let mut robot = flashed(&file);
     let clear = |robot: &mut Robot| {
@@ -344,14 +372,12 @@ fn a_transfer_that_is_wrong_is_refused_and_the_next_one_taken() {
     assert!(robot.download(&good).is_err());
     let mut long = good.clone();
     long.resize(good.len() + 4, 0xFF);
-    let other_board = file.download(|header| header.board = ImageBoard::ROBOMASTER_C);
     let below = file.download(|header| header.security_counter = 0);
     for (name, bytes, expected) in [
         ("size 0", &[][..], Problem::Length),
         ("too long", &long[..], Problem::Length),
         ("too short", &good[..good.len() - 4], Problem::Length),
         ("the header alone", &good[..256], Problem::Length),
-        ("another board", &other_board[..], Problem::Board),
         ("a lower security counter", &below[..], Problem::Downgrade),
     ] {
         clear(&mut robot);
@@ -389,10 +415,32 @@ fn a_transfer_that_is_wrong_is_refused_and_the_next_one_taken() {
     assert_eq!(robot.slot(), Some(Slot::B));
 }
 
+/// Every other kind of robot has its own file, whatever else fits: the board, and the drives.
+fn an_image_for_other_robots_is_refused(robots: &Robots) {
+    let file = File::new(robots);
+    let mut robot = flashed(&file);
+    assert_eq!(robot.read(at::BOARD), Ok(robots.board.0.into()));
+    robot.control(order::STOP).unwrap();
+    robot.control(order::CLEAR).unwrap();
+    robot.ready().unwrap();
+    let kinds = [REFERENCE, BOARD_C, DRIVES].map(|one| one.board);
+    let others = kinds.into_iter().filter(|board| *board != robots.board);
+    for board in others.chain([ImageBoard(4), ImageBoard(0)]) {
+        let other = file.download(|header| header.board = board);
+        let refused = Failure::Refused(AbortCode::ParameterIncompatible.code());
+        assert_eq!(robot.download(&other), Err(refused), "{board:?}");
+        let problem = robot.read(at::UPDATE_PROBLEM);
+        assert_eq!(problem, Ok(Problem::Board as u32), "{board:?}");
+        robot.control(order::STOP).unwrap();
+        robot.control(order::CLEAR).unwrap();
+        robot.ready().unwrap();
+    }
+    assert_eq!(robot.slot(), Some(Slot::A));
+}
+
 /// Equal and lower versions with a security counter that is not lower.
-#[test]
-fn the_same_image_again_and_an_older_one_are_taken() {
-    let file = File::new();
+fn the_same_image_again_and_an_older_one_are_taken(robots: &Robots) {
+    let file = File::new(robots);
     let mut robot = flashed(&file);
     update(&mut robot, &file.download(|_| ())).unwrap();
     assert_eq!(robot.slot(), Some(Slot::B));

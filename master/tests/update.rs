@@ -7,11 +7,14 @@ use std::path::Path;
 use boot::header::{Board, Header, Link as ImageLink};
 use boot::{Crypto, Slot, Software, sign};
 use canopen::{Frame, Micros};
+use omnibus::abort::Abort;
 use omnibus::bus::link::{Link, LinkError};
 use omnibus::bus::wire::Wire;
 use omnibus::commission::update::{self, Before, Image, Step};
+use omnibus::error::MasterError;
 use omnibus::simulation;
-use protocol::{Kind, address as at};
+use protocol::{Address, Fault, Kind, MemberState, address as at};
+use robot::update::order;
 
 #[path = "common/mod.rs"]
 mod common;
@@ -64,6 +67,8 @@ enum Failure {
     Damaged,
     /// Its transfer is aborted in the middle.
     Aborted,
+    /// Its new image says that it has this fault, and this of its configuration.
+    ComesUpWith(Fault, u32),
 }
 
 /// A bus on which one robot fails.
@@ -73,6 +78,7 @@ struct Trouble<L> {
     failure: Option<Failure>,
     segments: u32,
     silent: bool,
+    started: bool,
     made_up: VecDeque<Frame>,
 }
 
@@ -99,6 +105,39 @@ impl<L: Link> Trouble<L> {
             }
             Failure::FallsSilent(value) if is_control && data[4] == value => {
                 self.silent = true;
+                None
+            }
+            Failure::ComesUpWith(fault, status) => {
+                self.started |= is_control && data[4] == order::START;
+                let says = [
+                    (at::STATE, MemberState::Faulted as u32),
+                    (at::STATUS_CODE, fault.code().into()),
+                    (at::CONFIGURATION_STATUS, status),
+                ];
+                let asked = |(address, _): &(Address, u32)| {
+                    let [low, high] = address.index.to_le_bytes();
+                    data[..4] == [0x40, low, high, address.sub]
+                };
+                let Some((address, value)) = says.into_iter().find(asked) else {
+                    return Some(*frame);
+                };
+                if !self.started {
+                    return Some(*frame);
+                }
+                let length = protocol::entry(address).map_or(4, |entry| entry.kind.bytes());
+                let [a, b, c, d] = value.to_le_bytes();
+                let answer = [
+                    0x43 | (4 - length) << 2,
+                    data[1],
+                    data[2],
+                    data[3],
+                    a,
+                    b,
+                    c,
+                    d,
+                ];
+                let answer = Frame::new(0x580 + u16::from(self.node), &answer);
+                self.made_up.extend(answer);
                 None
             }
             Failure::Damaged | Failure::Aborted if matches!(data[0] & 0x7F, 1..=32) => {
@@ -168,6 +207,7 @@ fn bus(robots: u8, node: u8, failure: Option<Failure>) -> Wire<Trouble<impl Link
         failure,
         segments: 0,
         silent: false,
+        started: false,
         made_up: VecDeque::new(),
     })
 }
@@ -192,7 +232,10 @@ fn eight_robots_run_the_new_image_and_go_back() {
     let before = survey(&mut wire, 8);
     assert!(before.iter().all(|robot| robot.version == OLD));
     let mut steps = Vec::new();
-    update::update(&mut wire, &image, &before, &mut |step| steps.push(step)).unwrap();
+    update::update(&mut wire, &image, &before, &Abort::default(), &mut |step| {
+        steps.push(step)
+    })
+    .unwrap();
     assert_eq!(versions(&mut wire, 2..10), [NEW; 8]);
     let first_start = steps
         .iter()
@@ -208,7 +251,7 @@ fn eight_robots_run_the_new_image_and_go_back() {
     let newer = Image::read(file(NEW + 0x100, |_| ())).unwrap();
     let before = survey(&mut wire, 8);
     assert!(before.iter().all(|robot| robot.slot == Some(Slot::B)));
-    update::update(&mut wire, &newer, &before, &mut |_| ()).unwrap();
+    update::update(&mut wire, &newer, &before, &Abort::default(), &mut |_| ()).unwrap();
     assert_eq!(versions(&mut wire, 2..10), [NEW + 0x100; 8]);
     let before = survey(&mut wire, 8);
     assert!(before.iter().all(|robot| robot.other == NEW));
@@ -229,11 +272,12 @@ fn if_one_of_eight_fails_in_any_phase_all_run_the_old_image() {
         Failure::FallsSilent(3),
         Failure::FallsSilent(1),
         Failure::FallsSilent(0x80),
+        Failure::ComesUpWith(Fault::WatchdogReset, 0),
     ] {
         let image = Image::read(file(NEW, |_| ())).unwrap();
         let mut wire = bus(8, 6, Some(failure));
         let before = survey(&mut wire, 8);
-        let error = update::update(&mut wire, &image, &before, &mut |_| ());
+        let error = update::update(&mut wire, &image, &before, &Abort::default(), &mut |_| ());
         let error = error.expect_err("one has failed").to_string();
         assert!(error.contains("node 6"), "{failure:?}: {error}");
         let others = (2..10).filter(|node| *node != 6);
@@ -245,6 +289,82 @@ fn if_one_of_eight_fails_in_any_phase_all_run_the_old_image() {
         if !matches!(failure, Failure::FallsSilent(_)) {
             assert_eq!(versions(&mut wire, 6..7), [OLD], "{failure:?}: {error}");
         }
+    }
+}
+
+/// The reason is named, with the object that the new image cannot read; a fault from before the
+/// update is no reason.
+#[test]
+fn an_image_that_comes_up_with_a_new_fault_is_not_confirmed() {
+    let image = Image::read(file(NEW, |_| ())).unwrap();
+    let half_track = u32::from_le_bytes([3, 1, 0x10, 0x20]);
+    for (status, named) in [(half_track, "(2010:1)"), (3, "image as a whole")] {
+        let failure = Failure::ComesUpWith(Fault::ParametersCorrupt, status);
+        let mut wire = bus(2, 3, Some(failure));
+        let before = survey(&mut wire, 2);
+        let mut steps = Vec::new();
+        let mut show = |step| steps.push(step);
+        let done = update::update(&mut wire, &image, &before, &Abort::default(), &mut show);
+        let error = done.unwrap_err().to_string();
+        assert!(error.contains("node 3") && error.contains(named), "{error}");
+        assert!(error.contains(Fault::ParametersCorrupt.name()), "{error}");
+        assert!(!steps.iter().any(|step| matches!(step, Step::Confirmed(_))));
+        assert_eq!(versions(&mut wire, 2..4), [OLD; 2]);
+    }
+    let failure = Failure::ComesUpWith(Fault::EmergencyStop, 0);
+    let mut wire = bus(2, 3, Some(failure));
+    let mut before = survey(&mut wire, 2);
+    assert_eq!(before[1].fault, None);
+    before[1].fault = Some(Fault::EmergencyStop.code());
+    update::update(&mut wire, &image, &before, &Abort::default(), &mut |_| ()).unwrap();
+    assert_eq!(versions(&mut wire, 2..4), [NEW; 2]);
+}
+
+/// Ctrl-C at each step: before the first confirmation all robots stay with the old image, or go
+/// back to it, and the next update is taken; after it all get the new one.
+#[test]
+fn an_abort_at_any_step_leaves_all_robots_with_one_image() {
+    let image = Image::read(file(NEW, |_| ())).unwrap();
+    let all = |abort: &Abort, wire: &mut Wire<_>, at: usize| {
+        let before = survey(wire, 2);
+        let mut steps = Vec::new();
+        let mut show = |step| {
+            if steps.len() == at {
+                abort.ask();
+            }
+            steps.push(step);
+        };
+        let done = update::update(wire, &image, &before, abort, &mut show);
+        (done, steps)
+    };
+    let (done, steps) = all(&Abort::default(), &mut bus(2, 0, None), usize::MAX);
+    assert_eq!(done, Ok(()));
+    let confirmed = steps
+        .iter()
+        .position(|step| matches!(step, Step::Confirmed(_)))
+        .expect("a confirmation");
+    let receives = steps
+        .iter()
+        .filter(|step| matches!(step, Step::Receives(..)));
+    assert!(
+        receives.count() > 4,
+        "a transfer can be aborted in its middle"
+    );
+    for at in 0..steps.len() {
+        let mut wire = bus(2, 0, None);
+        let (done, seen) = all(&Abort::default(), &mut wire, at);
+        let name = format!("{at}: {:?}", steps[at]);
+        if at >= confirmed {
+            assert_eq!(done, Ok(()), "{name}");
+            assert_eq!(versions(&mut wire, 2..4), [NEW; 2], "{name}");
+            continue;
+        }
+        assert_eq!(done, Err(MasterError::Aborted), "{name}");
+        assert!(!seen.iter().any(|step| matches!(step, Step::Confirmed(_))));
+        assert_eq!(versions(&mut wire, 2..4), [OLD; 2], "{name}");
+        let (done, _) = all(&Abort::default(), &mut wire, usize::MAX);
+        assert_eq!(done, Ok(()), "{name}");
+        assert_eq!(versions(&mut wire, 2..4), [NEW; 2], "{name}");
     }
 }
 

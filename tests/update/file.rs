@@ -1,8 +1,9 @@
-//! An image file made of the two release images, as `cargo xtask release` makes it.
+//! An image file made of the two release images of a board, as `cargo xtask release` makes it.
 
 use boot::header::{Board, Header, Link};
 use boot::{Crypto, Slot, Software, slots};
 use emulator::{Firmware, programmed};
+use object::{Object as _, ObjectSymbol as _, SymbolKind};
 
 /// Version of the new image; the old one is what the robots were flashed with.
 pub const NEW: u32 = 0x7F00_0000;
@@ -13,39 +14,74 @@ fn elf(variable: &str) -> Vec<u8> {
     std::fs::read(&path).unwrap_or_else(|error| panic!("{path}: {error}"))
 }
 
+/// Robots that take the same file.
+#[derive(Clone, Copy, Debug)]
+pub struct Robots {
+    /// As the header has them.
+    pub board: Board,
+    /// Variables that name the images for slot A and slot B.
+    pub images: [&'static str; 2],
+}
+
+pub const REFERENCE: Robots = Robots {
+    board: Board::NUCLEO_F446RE,
+    images: ["OMNIBUS_ELF", "OMNIBUS_ELF_SLOT_B"],
+};
+
+pub const BOARD_C: Robots = Robots {
+    board: Board::ROBOMASTER_C,
+    images: ["OMNIBUS_ELF_BOARD_C", "OMNIBUS_ELF_BOARD_C_SLOT_B"],
+};
+
+/// Reference boards with smart drives. They have no image for slot B: what they refuse, they refuse
+/// by its header.
+pub const DRIVES: Robots = Robots {
+    board: Board::NUCLEO_F446RE_C620,
+    images: ["OMNIBUS_ELF_DRIVES", "OMNIBUS_ELF_SLOT_B"],
+};
+
 /// Both links of the release image.
 pub struct File {
+    board: Board,
     /// That for slot A, with the boot code.
     pub firmware: Firmware,
     a: Vec<u8>,
     b: Vec<u8>,
+    elf_b: Vec<u8>,
     cable: Vec<(u32, Vec<u8>)>,
 }
 
 impl File {
-    pub fn new() -> Self {
-        let [a, b] = ["OMNIBUS_ELF", "OMNIBUS_ELF_SLOT_B"].map(elf);
+    pub fn new(robots: &Robots) -> Self {
+        let [a, b] = robots.images.map(elf);
         Self {
+            board: robots.board,
             cable: programmed(&a).unwrap(),
             a: image(&a, Slot::A),
             b: image(&b, Slot::B),
+            elf_b: b,
             firmware: Firmware::from_elf(a).unwrap(),
         }
     }
 
     /// Puts code at the beginning of a function of the image for slot B.
     pub fn replace(mut self, function: &str, code: &[u16]) -> Self {
-        let in_a_module = format!("::{function}");
-        let mut functions = self.firmware.functions().iter();
-        let found = functions.find(|one| one.name == function || one.name.contains(&in_a_module));
-        let address = found.expect("the function is in the image").address & !1;
-        // Both links have the same code in the same order.
-        let at = (address - Slot::A.address()) as usize;
-        assert_eq!(self.a[at..at + 4], self.b[at..at + 4], "{function}");
+        let at = (self.address(function) - Slot::B.address()) as usize;
         for (nth, half) in code.iter().enumerate() {
             self.b[at + 2 * nth..][..2].copy_from_slice(&half.to_le_bytes());
         }
         self
+    }
+
+    /// Where a function is in the image for slot B, which has an order of its own.
+    pub fn address(&self, function: &str) -> u32 {
+        let file = object::File::parse(&*self.elf_b).unwrap();
+        // A mangled name has each part behind its length.
+        let part = format!("{}{function}", function.len());
+        let is_it = |name: &str| name == function || name.contains(&part);
+        let mut symbols = file.symbols().filter(|one| one.kind() == SymbolKind::Text);
+        let found = symbols.find(|one| one.name().is_ok_and(is_it));
+        found.expect("the function is in the image").address() as u32 & !1
     }
 
     /// The header and the image for slot B, signed with the development key; `change` may change
@@ -73,7 +109,7 @@ impl File {
 
     fn header(&self, change: impl FnOnce(&mut Header)) -> Vec<u8> {
         let mut header = Header {
-            board: Board::NUCLEO_F446RE,
+            board: self.board,
             hardware: boot::release::HARDWARE_REVISION,
             wire_version: protocol::WIRE_VERSION,
             version: NEW,

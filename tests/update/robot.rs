@@ -3,11 +3,12 @@
 use boot::{Flash, FlashError, Slot, slots};
 use canopen::client::{Outcome, SdoClient, SdoError};
 use canopen::{Frame, Micros, NodeId};
-use emulator::{Board, BoardConfig, CanFrame, Firmware, Port, Stop, StopKind};
+use emulator::{Board, BoardConfig, CanFrame, Firmware, Stop, StopKind};
 use protocol::{Address, address as at, cob};
+use sim::robot::emulated::ready_board_with;
 
 pub const MS: u64 = 1_000_000;
-/// A robot with all switches open.
+/// A robot with all switches open, or without any.
 pub const NODE: u8 = 2;
 /// A frame of eight bytes on the bus.
 const FRAME_NS: u64 = 130_000;
@@ -66,17 +67,15 @@ impl Robot {
     }
 
     pub fn with(firmware: &Firmware, content: Option<&Content>, config: BoardConfig) -> Self {
-        let mut board = match content {
-            Some(content) => Board::with_flash(firmware, config, &content.0),
-            None => Board::new(firmware, config),
+        let flashed;
+        let flash = match content {
+            Some(content) => &content.0,
+            None => {
+                flashed = Board::new(firmware, BoardConfig::default()).flash();
+                &flashed
+            }
         };
-        for (port, pin, level) in [
-            (Port::B, 12, false),
-            (Port::A, 6, false),
-            (Port::B, 13, true),
-        ] {
-            board.set_input(port, pin, level);
-        }
+        let board = ready_board_with(firmware, flash, config).unwrap();
         Self {
             board,
             received: Vec::new(),

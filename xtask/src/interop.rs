@@ -98,7 +98,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             python_tests(&["test_robot", "test_dictionary"], "emulator").env("OMNIBUS_CABLE", "1"),
         )?;
     }
-    unittest(&["test_emulate", "test_update"], "emulator")?;
+    unittest(
+        &["test_emulate", "test_update", "test_update_command"],
+        "emulator",
+    )?;
     unittest(&["test_log"], "logs")?;
     unittest(
         &[

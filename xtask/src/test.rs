@@ -1,5 +1,6 @@
 //! `cargo xtask test`: all tests, those that run the image included.
 
+use std::path::{Path, PathBuf};
 use std::process::{Child, Stdio};
 
 use anyhow::Context as _;
@@ -43,18 +44,40 @@ pub fn run(board: Board, rest: &[String]) -> anyhow::Result<()> {
 }
 
 /// The tests of whole robots that have a part for Board C.
-const SYSTEM_TESTS: [&str; 5] = ["emulated", "smart_drives", "gyro", "group_rules", "storage"];
+const SYSTEM_TESTS: [&str; 6] = [
+    "emulated",
+    "smart_drives",
+    "gyro",
+    "group_rules",
+    "storage",
+    "update_bus",
+];
 
 /// Runs the parts of the system tests that are for Board C, with its image.
 fn run_system(rest: &[String]) -> anyhow::Result<()> {
-    let elf = firmware::build_for(Board::RobomasterC)?;
+    let [elf, slot_b] = board_c()?;
     let mut command = cargo::command();
     command.args(["test", "--no-fail-fast", "--features", "emulated"]);
     for test in SYSTEM_TESTS {
         command.args(["--test", test]);
     }
     command.args(["--", "board_c::"]).args(rest);
-    cargo::run(command.env("OMNIBUS_ELF_BOARD_C", elf))
+    command.env("OMNIBUS_ELF_BOARD_C", elf);
+    cargo::run(command.env("OMNIBUS_ELF_BOARD_C_SLOT_B", slot_b))
+}
+
+/// Board C's images for slot A and slot B.
+fn board_c() -> anyhow::Result<[PathBuf; 2]> {
+    let a = copy(&firmware::build_for(Board::RobomasterC)?, "board-c")?;
+    let b = firmware::build_slot_b(Board::RobomasterC, Wheels::Bridges)?;
+    Ok([a, copy(&b, "board-c-slot-b")?])
+}
+
+/// A copy of an image that stays: each variant replaces the one before it in the same folder.
+fn copy(elf: &Path, extension: &str) -> anyhow::Result<PathBuf> {
+    let to = elf.with_extension(extension);
+    std::fs::copy(elf, &to).with_context(|| format!("cannot write {}", to.display()))?;
+    Ok(to)
 }
 
 /// Builds the firmware for both scalars, then runs all tests of the workspace with their paths at
@@ -62,22 +85,16 @@ fn run_system(rest: &[String]) -> anyhow::Result<()> {
 fn run_all(rest: &[String]) -> anyhow::Result<()> {
     let tests = rest.is_empty().then(start_build).flatten();
     let elf = firmware::build(Scalar::F32)?;
-    // Each variant replaces the one before it in the same folder; a copy stays.
-    let bench = firmware::build_bench()?.with_extension("bench");
-    std::fs::copy(bench.with_extension(""), &bench)?;
-    let self_test = firmware::build_self_test()?.with_extension("self-test");
-    std::fs::copy(self_test.with_extension(""), &self_test)?;
-    let slot_b =
-        firmware::build_slot_b(Board::NucleoF446re, Wheels::Bridges)?.with_extension("slot-b");
-    std::fs::copy(slot_b.with_extension(""), &slot_b)?;
-    let drives = firmware::build_with(Board::NucleoF446re, Wheels::SmartDrives)?;
-    let drives = drives.with_extension("drives");
-    std::fs::copy(drives.with_extension(""), &drives)?;
-    let two_pwms = firmware::build_with(Board::NucleoF446re, Wheels::TwoPwms)?;
-    let two_pwms = two_pwms.with_extension("two-pwms");
-    std::fs::copy(two_pwms.with_extension(""), &two_pwms)?;
-    let board_c = firmware::build_for(Board::RobomasterC)?.with_extension("board-c");
-    std::fs::copy(board_c.with_extension(""), &board_c)?;
+    let bench = copy(&firmware::build_bench()?, "bench")?;
+    let self_test = copy(&firmware::build_self_test()?, "self-test")?;
+    let board = Board::NucleoF446re;
+    let slot_b = firmware::build_slot_b(board, Wheels::Bridges)?;
+    let slot_b = copy(&slot_b, "slot-b")?;
+    let drives = firmware::build_with(board, Wheels::SmartDrives)?;
+    let drives = copy(&drives, "drives")?;
+    let two_pwms = firmware::build_with(board, Wheels::TwoPwms)?;
+    let two_pwms = copy(&two_pwms, "two-pwms")?;
+    let [board_c, board_c_slot_b] = board_c()?;
     let fixed = firmware::build(Scalar::Fixed)?;
     if let Some(mut build) = tests {
         build.wait().context("the build of the tests")?;
@@ -93,6 +110,7 @@ fn run_all(rest: &[String]) -> anyhow::Result<()> {
         .env("OMNIBUS_ELF_DRIVES", drives)
         .env("OMNIBUS_ELF_TWO_PWMS", two_pwms)
         .env("OMNIBUS_ELF_BOARD_C", board_c)
+        .env("OMNIBUS_ELF_BOARD_C_SLOT_B", board_c_slot_b)
         .env("OMNIBUS_ELF_SELF_TEST", self_test)
         .env("OMNIBUS_ELF_SLOT_B", slot_b);
     cargo::run(&mut command)?;

@@ -4,6 +4,7 @@ use std::io::IsTerminal as _;
 use std::path::PathBuf;
 
 use anyhow::Context as _;
+use boot::Slot;
 use indicatif::{ProgressBar, ProgressStyle};
 use omnibus::commission::survey::Survey;
 use omnibus::commission::update::{self, Before, Image, Step};
@@ -11,7 +12,7 @@ use omnibus::error::MasterError;
 use serde_json::json;
 
 use super::output::Found;
-use super::{Target, Usage, json, output, print_json, print_line, print_note};
+use super::{Target, Usage, abort_on_ctrl_c, json, output, print_json, print_line, print_note};
 
 const EXAMPLES: &str = "Examples:
   omnibus update omnibus.image --bus socketcan:can0 --group groups/tcc-3.toml
@@ -19,7 +20,8 @@ const EXAMPLES: &str = "Examples:
   omnibus update --rollback --node 3 --bus socketcan:can0
 
 Either all robots start the new image, or all stay with the one they have. Robots have to be in PRE-OPERATIONAL; a group
-that moves is stopped first. cargo xtask release makes the file.";
+that moves is stopped first. Ctrl-C before the first confirmation leaves all robots with the image they have. cargo
+xtask release makes the file.";
 
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
@@ -49,8 +51,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         return Err(Usage(format!("--node {node}: robots are nodes 2 to 17")).into());
     }
     let image = arguments.file.as_ref().map(read).transpose()?;
+    let abort = abort_on_ctrl_c()?;
     let group = target.group_if_any()?;
     let mut wire = target.exclusive()?;
+    abort.check()?;
     let survey = Survey::take(&mut wire, group.as_ref())?;
     if let Some(node) = survey.missing.first() {
         return Err(MasterError::NodeSilent { node: *node }.into());
@@ -74,8 +78,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         return finish(&robots, image.as_ref(), "nothing was changed");
     }
     let mut progress = Progress::new();
+    // A return that has begun is completed, so that all robots go back.
+    abort.check()?;
     match &image {
-        Some(image) => update::update(&mut wire, image, &robots, &mut |step| progress.show(step))?,
+        Some(image) => {
+            let mut show = |step| progress.show(step);
+            update::update(&mut wire, image, &robots, &abort, &mut show)?;
+        }
         None => update::go_back(&mut wire, &robots, &mut |step| progress.show(step))?,
     }
     let what = match &image {
@@ -125,7 +134,9 @@ fn show_before(robots: &[Before], image: Option<&Image>) {
         let slot = robot.slot.map_or("none".into(), |slot| format!("{slot:?}"));
         let then = match image {
             Some(image) => format!("gets {}", version(image.header.version)),
-            None => format!("goes back to {}", version(robot.other)),
+            None if robot.other != 0 => format!("goes back to {}", version(robot.other)),
+            None if robot.slot == Some(Slot::B) => "goes back to what was flashed by cable".into(),
+            None => "has no other image".into(),
         };
         print_note(format!(
             "node {}: version {} in slot {slot}, {then}",

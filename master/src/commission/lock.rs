@@ -93,7 +93,7 @@ fn attempt<L: Link>(wire: &mut Wire<L>, node: u8, key: &Key) -> Result<(), Maste
     let mut message = wire.read_block(node, at::LOCK_CHALLENGE)?;
     message.push(node);
     let response = hmac_sha512(&Software::default(), key, &message);
-    wire.download(node, at::LOCK_RESPONSE, &response, &mut |_| ())
+    wire.download(node, at::LOCK_RESPONSE, &response, &mut |_| Ok(()))
 }
 
 /// Locks a robot that has a key.
@@ -114,5 +114,5 @@ pub fn set_key<L: Link>(
     key: Option<&Key>,
 ) -> Result<(), MasterError> {
     let key = key.unwrap_or(&NO_KEY);
-    wire.download(node, at::LOCK_KEY, key, &mut |_| ())
+    wire.download(node, at::LOCK_KEY, key, &mut |_| Ok(()))
 }

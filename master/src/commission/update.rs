@@ -6,14 +6,16 @@
 //! Robots are asked first what they run and which slot they want; nothing is written unless all of
 //! them can take the file. Then each gets the image linked for its slot, one after the other, and
 //! checks it. Only when all have one that is whole are they told to start it, and only when all
-//! have started it, and say so, is it confirmed. When anything fails before the start, nobody
-//! starts anything; when it fails after, those that have started go back, and a robot that cannot
-//! be told goes back by itself because nobody confirms its image.
+//! have started it, and say so, and none has a fault that it did not have before, is it confirmed.
+//! When anything fails before the start, nobody starts anything; when it fails after, those that
+//! have started go back, and a robot that cannot be told goes back by itself because nobody
+//! confirms its image. The same follows from an abort up to the first confirmation; from then on
+//! the update is completed.
 //!
 //! # Interface
 //!
 //! `omnibus update` calls [`Image::read`], [`survey`], [`check`], then [`update`] or [`go_back`],
-//! and shows every [`Step`].
+//! and shows every [`Step`]. Its [`Abort`] is what Ctrl-C asks for.
 //!
 //! # Limits
 //!
@@ -21,13 +23,15 @@
 
 use boot::header::{Header, LENGTH};
 use boot::{Crypto, Slot, Software};
-use canopen::{Micros, NmtCommand, NmtState, NmtTarget, NodeId, client};
-use protocol::{Address, Kind, Value, address as at, cob};
+use canopen::{AbortCode, Micros, NmtCommand, NmtState, NmtTarget, NodeId, client};
+use protocol::{Address, Code, Fault, Kind, MemberState, Value, address as at, cob};
 use robot::update::{Problem, order};
 
+use crate::abort::Abort;
 use crate::bus::link::Link;
 use crate::bus::wire::Wire;
 use crate::error::MasterError;
+use crate::session::sdo;
 
 /// How long a robot may be deaf while it erases a sector, in µs (DS10693 rev 10, table 49: 2 s for
 /// 128 KiB).
@@ -107,6 +111,8 @@ pub struct Before {
     pub security_counter: u32,
     /// The image that it runs is on trial.
     pub is_unconfirmed: bool,
+    /// Number of the fault that is latched, if one is.
+    pub fault: Option<u16>,
 }
 
 /// What happens with one robot.
@@ -159,6 +165,7 @@ pub fn survey<L: Link>(
             hardware: low(read(at::HARDWARE_REVISION, Kind::U16)?),
             security_counter: read(at::SECURITY_COUNTER, Kind::U32)?,
             is_unconfirmed: read(at::PROGRAM_CONTROL, Kind::U8)? == u32::from(order::CONFIRM),
+            fault: latched(wire, node)?,
         })
     };
     nodes.iter().map(one).collect()
@@ -199,21 +206,23 @@ pub fn check(image: &Image, robots: &[Before]) -> Result<(), MasterError> {
 /// Brings an image to all of these robots, or to none.
 ///
 /// # Errors
-/// What went wrong first. Unless the error says otherwise, all robots run what they did before.
+/// What went wrong first, or [`MasterError::Aborted`]. Unless the error says otherwise, all robots
+/// run what they did before.
 pub fn update<L: Link>(
     wire: &mut Wire<L>,
     image: &Image,
     robots: &[Before],
+    abort: &Abort,
     show: &mut dyn FnMut(Step),
 ) -> Result<(), MasterError> {
     check(image, robots)?;
     for robot in robots {
-        let sent = send(wire, image, robot, show);
+        let sent = send(wire, image, robot, abort, show);
         sent.map_err(|error| explain(wire, robot.node, error))?;
         show(Step::HasIt(robot.node));
     }
     let mut started = Vec::new();
-    let done = start_all(wire, robots, &mut started, show);
+    let done = start_all(wire, robots, &mut started, abort, show);
     if let Err(error) = done {
         back(wire, &started, show);
         return Err(error);
@@ -224,7 +233,8 @@ pub fn update<L: Link>(
 /// Lets all of these robots go back to the image that they had before.
 ///
 /// # Errors
-/// When one has none, before any is told; and when one does not start.
+/// When one has none, before any is told; when one refuses, and when one does not start. The error
+/// names those that have gone back before.
 pub fn go_back<L: Link>(
     wire: &mut Wire<L>,
     robots: &[Before],
@@ -235,20 +245,51 @@ pub fn go_back<L: Link>(
             return Err(refused(robot.node, "it has no other image to go back to"));
         }
     }
+    let mut gone: Vec<u8> = Vec::new();
     for robot in robots {
-        command(wire, robot.node, order::GO_BACK)?;
-        show(Step::GoesBack(robot.node));
-        await_boot(wire, robot.node)?;
+        let node = robot.node;
+        if let Err(error) = restart(wire, node, order::GO_BACK) {
+            return Err(stays(node, &gone, error));
+        }
+        show(Step::GoesBack(node));
+        await_boot(wire, node)?;
+        gone.push(node);
     }
     Ok(())
+}
+
+/// Why a robot does not go back, and which others have.
+fn stays(node: u8, gone: &[u8], error: MasterError) -> MasterError {
+    if !matches!(
+        error,
+        MasterError::Refused {
+            abort: AbortCode::DeviceState,
+            ..
+        }
+    ) {
+        return error;
+    }
+    let others = match gone {
+        [] => String::new(),
+        gone => format!("; before it nodes {gone:?} went back"),
+    };
+    refused(
+        node,
+        &format!(
+            "its other image was rejected or never confirmed, so it does not go back to that; \
+             bring the right one with omnibus update{others}"
+        ),
+    )
 }
 
 fn send<L: Link>(
     wire: &mut Wire<L>,
     image: &Image,
     robot: &Before,
+    abort: &Abort,
     show: &mut dyn FnMut(Step),
 ) -> Result<(), MasterError> {
+    abort.check()?;
     let node = robot.node;
     let server = NodeId::new(node).ok_or(MasterError::NodeSilent { node })?;
     let to = NmtTarget::Node(server);
@@ -257,11 +298,13 @@ fn send<L: Link>(
     show(Step::Erases(node));
     command(wire, node, order::CLEAR)?;
     await_idle(wire, node)?;
+    abort.check()?;
     let slot = robot.slot.map_or(Slot::B, Slot::other);
     let bytes = image.download(slot);
     let length = bytes.len();
     wire.download(node, at::PROGRAM_DATA, &bytes, &mut |sent| {
         show(Step::Receives(node, sent.min(length), length));
+        abort.check()
     })?;
     await_idle(wire, node)
 }
@@ -270,12 +313,14 @@ fn start_all<L: Link>(
     wire: &mut Wire<L>,
     robots: &[Before],
     started: &mut Vec<u8>,
+    abort: &Abort,
     show: &mut dyn FnMut(Step),
 ) -> Result<(), MasterError> {
     for robot in robots {
+        abort.check()?;
         let node = robot.node;
         let new = read(wire, node, at::PROGRAM_IDENTIFICATION, Kind::U32)?;
-        command(wire, node, order::START)?;
+        restart(wire, node, order::START)?;
         show(Step::Starts(node));
         started.push(node);
         await_boot(wire, node)?;
@@ -288,6 +333,10 @@ fn start_all<L: Link>(
         }
     }
     for robot in robots {
+        has_no_new_fault(wire, robot)?;
+    }
+    abort.check()?;
+    for robot in robots {
         command(wire, robot.node, order::CONFIRM)?;
         await_idle(wire, robot.node)?;
         show(Step::Confirmed(robot.node));
@@ -295,11 +344,46 @@ fn start_all<L: Link>(
     Ok(())
 }
 
+/// The fault that a robot has latched.
+fn latched<L: Link>(wire: &mut Wire<L>, node: u8) -> Result<Option<u16>, MasterError> {
+    let state = read(wire, node, at::STATE, Kind::U8)?;
+    if state != MemberState::Faulted as u32 {
+        return Ok(None);
+    }
+    let code = read(wire, node, at::STATUS_CODE, Kind::U16)?;
+    Ok(u16::try_from(code).ok())
+}
+
+/// An image that came up with a fault which the one before did not have is not confirmed: it may
+/// for instance not be able to read the parameters.
+fn has_no_new_fault<L: Link>(wire: &mut Wire<L>, robot: &Before) -> Result<(), MasterError> {
+    let node = robot.node;
+    let Some(code) = latched(wire, node)?.filter(|code| robot.fault != Some(*code)) else {
+        return Ok(());
+    };
+    let name = Code::from_code(code)
+        .map_or_else(|| format!("unknown {code:#06x}"), |code| code.to_string());
+    let object = if code == Fault::ParametersCorrupt.code() {
+        let status = read(wire, node, at::CONFIGURATION_STATUS, Kind::U32)?;
+        let [_, sub, low, high] = status.to_le_bytes();
+        match Address::new(u16::from_le_bytes([low, high]), sub) {
+            Address { index: 0, .. } => " (the stored image as a whole)".into(),
+            address => format!(" ({})", sdo::name(address)),
+        }
+    } else {
+        String::new()
+    };
+    Err(refused(
+        node,
+        &format!("the new image came up with a new fault, {name}{object}; all robots go back"),
+    ))
+}
+
 /// Lets those that have started go back. One that runs the old image refuses, and one that cannot
 /// be told goes back by itself.
 fn back<L: Link>(wire: &mut Wire<L>, started: &[u8], show: &mut dyn FnMut(Step)) {
     for node in started {
-        if command(wire, *node, order::GO_BACK).is_ok() {
+        if restart(wire, *node, order::GO_BACK).is_ok() {
             show(Step::GoesBack(*node));
             // What is wrong with it is in the error that led here.
             let _ = await_boot(wire, *node);
@@ -309,6 +393,13 @@ fn back<L: Link>(wire: &mut Wire<L>, started: &[u8], show: &mut dyn FnMut(Step))
 
 fn command<L: Link>(wire: &mut Wire<L>, node: u8, value: u8) -> Result<(), MasterError> {
     wire.write(node, at::PROGRAM_CONTROL, Value::U8(value))
+}
+
+/// An order that makes the robot start again. What has been received before is forgotten: only the
+/// boot-up that follows counts.
+fn restart<L: Link>(wire: &mut Wire<L>, node: u8, value: u8) -> Result<(), MasterError> {
+    wire.backlog.clear();
+    command(wire, node, value)
 }
 
 fn read<L: Link>(

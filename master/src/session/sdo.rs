@@ -6,8 +6,8 @@
 //! server.
 
 use canopen::client::{Outcome, SdoClient, SdoError};
-use canopen::{AbortCode, Micros, NodeId};
-use protocol::{Address, Kind, OBJECTS, RECORDS, Value};
+use canopen::{AbortCode, Frame, Micros, NodeId};
+use protocol::{Address, Kind, OBJECTS, RECORDS, Value, cob};
 
 use crate::bus::link::Link;
 use crate::bus::wire::Wire;
@@ -95,6 +95,14 @@ impl Transfer<'_> {
             }
         }
     }
+}
+
+/// The end of a transfer that this end does not want to go on with (CiA 301 7.2.4.3.17).
+fn abort_of(server: NodeId, Address { index, sub }: Address) -> Frame {
+    let [low, high] = index.to_le_bytes();
+    let [a, b, c, d] = AbortCode::General.code().to_le_bytes();
+    let data = [0x80, low, high, sub, a, b, c, d];
+    Frame::of(cob::sdo_request(server.get()), data)
 }
 
 /// Whether a robot refused because of its lock.
@@ -240,16 +248,17 @@ impl<L: Link> Wire<L> {
     }
 
     /// Writes an object of any length by block transfer; `show` is told how many bytes the robot
-    /// has confirmed. It is not tried again, because a part of it has arrived.
+    /// has confirmed, and ends the transfer by an error. It is not tried again, because a part of
+    /// it has arrived.
     ///
     /// # Errors
-    /// When the robot refuses or does not answer.
+    /// When the robot refuses or does not answer, and that of `show`.
     pub fn download(
         &mut self,
         node: u8,
         address: Address,
         bytes: &[u8],
-        show: &mut dyn FnMut(usize),
+        show: &mut dyn FnMut(usize) -> Result<(), MasterError>,
     ) -> Result<(), MasterError> {
         let done = self.attempt(node, address, Transfer::Download(bytes), show);
         done.map(|_| ()).map_err(|error| self.blame(error))
@@ -264,12 +273,12 @@ impl<L: Link> Wire<L> {
         what: Transfer<'_>,
     ) -> Result<Vec<u8>, MasterError> {
         for _ in 1..TRIES {
-            match self.attempt(node, address, what, &mut |_| {}) {
+            match self.attempt(node, address, what, &mut |_| Ok(())) {
                 Err(MasterError::NodeSilent { .. }) => {}
                 done => return done,
             }
         }
-        let last = self.attempt(node, address, what, &mut |_| {});
+        let last = self.attempt(node, address, what, &mut |_| Ok(()));
         last.map_err(|error| self.blame(error))
     }
 
@@ -278,7 +287,7 @@ impl<L: Link> Wire<L> {
         node: u8,
         address: Address,
         what: Transfer<'_>,
-        show: &mut dyn FnMut(usize),
+        show: &mut dyn FnMut(usize) -> Result<(), MasterError>,
     ) -> Result<Vec<u8>, MasterError> {
         let answer = |problem: &str| MasterError::Answer {
             node,
@@ -307,8 +316,11 @@ impl<L: Link> Wire<L> {
                 Some((at, frame)) => {
                     let before = client.progress();
                     let outcome = client.on_frame(at, &frame);
-                    if client.progress() != before {
-                        show(client.progress());
+                    if client.progress() != before
+                        && let Err(error) = show(client.progress())
+                    {
+                        self.send(&abort_of(server, address))?;
+                        return Err(error);
                     }
                     if outcome.is_none() {
                         self.backlog.push_back((at, frame));

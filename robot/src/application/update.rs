@@ -56,7 +56,9 @@ impl Application {
         }
         let is_recent = |last: Micros| last != Micros::ZERO && now.since(last).0 < RECENT_US;
         let is_on_bus = is_recent(self.last_sync) && is_recent(self.last_heartbeat);
-        self.update.supervise(now, is_on_bus);
+        // The image before may be able to read what this one cannot.
+        let is_readable = self.store.corrupt.is_none();
+        self.update.supervise(now, is_on_bus && is_readable);
     }
 
     fn may_update(&self) -> bool {

@@ -16,8 +16,9 @@
 //! the slot is sealed. Only a sealed image can be started.
 //!
 //! An image on trial is confirmed by its client (0x1F51 = 0x80), or by itself after five seconds
-//! with SYNC and the heartbeat of its master. One that is not confirmed within a minute starts
-//! again, which the boot code permits only a few times before it goes back to the other image.
+//! with SYNC and the heartbeat of its master if it can read the stored parameters. One that is not
+//! confirmed within a minute starts again, which the boot code permits only a few times before it
+//! goes back to the other image.
 //!
 //! # Interface
 //!
@@ -455,16 +456,16 @@ impl Update {
         code
     }
 
-    /// Every poll: an image on trial confirms itself or starts again. `is_on_bus`: SYNC and the
-    /// heartbeat of the master have come within the last moments.
-    pub fn supervise(&mut self, now: Micros, is_on_bus: bool) {
+    /// Every poll: an image on trial confirms itself or starts again. `is_sound`: SYNC and the
+    /// heartbeat of the master have come within the last moments, and the parameters are readable.
+    pub fn supervise(&mut self, now: Micros, is_sound: bool) {
         if self.ordered.is_some() {
             return;
         }
-        if !is_on_bus {
+        if !is_sound {
             self.proven_since = None;
         }
-        let since = match (is_on_bus, self.proven_since) {
+        let since = match (is_sound, self.proven_since) {
             (true, None) => *self.proven_since.insert(now),
             (_, since) => since.unwrap_or(now),
         };

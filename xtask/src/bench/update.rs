@@ -6,6 +6,7 @@ use std::path::Path;
 use anyhow::{Context as _, ensure};
 use emulator::Firmware;
 use group::GroupFile;
+use omnibus::abort::Abort;
 use omnibus::bus::wire::Wire;
 use omnibus::commission::survey::Survey;
 use omnibus::commission::update::{self, Image, Step};
@@ -54,20 +55,26 @@ pub fn figures(group: &GroupFile, elf: &Path, firmware: &Firmware) -> anyhow::Re
     let (begin, mut confirmed) = (now(), 0);
     // Time and bytes at the first acknowledgement of a transfer; the longest of all.
     let (mut first, mut longest, mut bytes) = (None, 0.0_f64, 0);
-    update::update(&mut wire, &image, &before, &mut |step| match step {
-        Step::Erases(_) => first = None,
-        Step::Receives(_, sent, length) => {
-            let (since, already) = *first.get_or_insert((now(), sent));
-            if sent == length {
-                // What came before the first acknowledgement took its share.
-                let share = length as f64 / (length - already) as f64;
-                longest = longest.max((now() - since) * share);
-                bytes = bytes.max(length);
+    update::update(
+        &mut wire,
+        &image,
+        &before,
+        &Abort::default(),
+        &mut |step| match step {
+            Step::Erases(_) => first = None,
+            Step::Receives(_, sent, length) => {
+                let (since, already) = *first.get_or_insert((now(), sent));
+                if sent == length {
+                    // What came before the first acknowledgement took its share.
+                    let share = length as f64 / (length - already) as f64;
+                    longest = longest.max((now() - since) * share);
+                    bytes = bytes.max(length);
+                }
             }
-        }
-        Step::Confirmed(_) => confirmed += 1,
-        _ => {}
-    })?;
+            Step::Confirmed(_) => confirmed += 1,
+            _ => {}
+        },
+    )?;
     let all = now() - begin;
     ensure!(
         confirmed == ROBOTS,

@@ -154,3 +154,31 @@ fn what_an_older_image_cannot_read_it_names_and_leaves_there() {
         }
     }
 }
+
+/// An image on trial that cannot read what is stored does not confirm itself, whatever it hears,
+/// and the one before, which can, comes back. Its client's word counts all the same.
+#[test]
+fn an_image_that_cannot_read_the_parameters_does_not_confirm_itself() {
+    let on_trial = || {
+        let mut bench = Bench::new();
+        bench.control(order::STOP).unwrap();
+        bench.control(order::CLEAR).unwrap();
+        bench
+            .download(&File::new(|_| ()).download(Slot::B))
+            .unwrap();
+        bench.stored = image(3, &[]);
+        bench.control(order::START).unwrap();
+        let refused = State::Faulted(Fault::ParametersCorrupt);
+        assert_eq!(bench.bus.state(), refused);
+        bench
+    };
+    let mut bench = on_trial();
+    bench.pass(10_000, true);
+    assert_eq!(bench.read(at::PROGRAM_CONTROL), u32::from(order::CONFIRM));
+    bench.pass(190_000, true);
+    assert_eq!(bench.read(at::RUNNING_SLOT), 1);
+    let mut bench = on_trial();
+    bench.control(order::CONFIRM).unwrap();
+    assert_eq!(bench.read(at::PROGRAM_CONTROL), u32::from(order::START));
+    assert_eq!(bench.read(at::RUNNING_SLOT), 2);
+}

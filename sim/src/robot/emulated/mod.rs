@@ -101,10 +101,22 @@ pub struct EmulatedRobot {
 /// # Errors
 /// When the board is not modelled.
 pub fn ready_board(firmware: &Firmware, flash: &[u8]) -> Result<Board, String> {
+    ready_board_with(firmware, flash, BoardConfig::default())
+}
+
+/// The same of a board that differs from others of its kind; its crystal is that of its kind.
+///
+/// # Errors
+/// As [`ready_board`].
+pub fn ready_board_with(
+    firmware: &Firmware,
+    flash: &[u8],
+    config: BoardConfig,
+) -> Result<Board, String> {
     let wiring = Wiring::of(firmware)?;
     let config = BoardConfig {
         hse_hz: wiring.hse_hz,
-        ..BoardConfig::default()
+        ..config
     };
     let mut board = Board::with_flash(firmware, config, flash);
     for (port, pin) in wiring.emergency_stop {
