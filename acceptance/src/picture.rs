@@ -24,7 +24,7 @@ const LIST: f64 = 610.0;
 
 /// Where the wire from a second board begins, below the first one, and how far right of its pin on
 /// the first one its number is: another wire has its number on that pin.
-const SECOND_BOARD: (f64, f64) = (430.0, 582.0);
+const SECOND_BOARD: (f64, f64) = (430.0, 597.0);
 const BESIDE: f64 = 62.0;
 
 /// Kinds of wires: how their purpose begins, and their colour.
@@ -87,16 +87,21 @@ pub fn svg() -> String {
             );
         }
     }
-    for wire in all().filter(|wire| !wire.is_of_second) {
-        curve(&mut out, &wire.wire);
+    for numbered in all() {
+        match numbered.is_of_second {
+            true => curve_from_second(&mut out, &numbered),
+            false => curve(&mut out, &numbered.wire),
+        }
     }
-    for Numbered { number, wire, .. } in all().filter(|wire| !wire.is_of_second) {
+    for numbered in all() {
+        let Numbered { number, wire, .. } = numbered;
+        if numbered.is_of_second {
+            ends_of_second(&mut out, &numbered);
+            continue;
+        }
         for pin in [wire.from, wire.to] {
             end(&mut out, number, pin, colour(&wire));
         }
-    }
-    for wire in all().filter(|wire| wire.is_of_second) {
-        from_second(&mut out, &wire);
     }
     list(&mut out);
     out += "</svg>\n";
@@ -126,21 +131,28 @@ fn curve(out: &mut String, wire: &Wire) {
 }
 
 /// The wire from a second board, of which the pin alone is shown.
-fn from_second(out: &mut String, numbered: &Numbered) {
-    let wire = &numbered.wire;
-    let Some(socket) = socket(wire.to) else {
+fn curve_from_second(out: &mut String, numbered: &Numbered) {
+    let Some(socket) = socket(numbered.wire.to) else {
         return;
     };
     let ((x1, y1), (x2, y2)) = (SECOND_BOARD, place(socket));
     let beside = x2 + BESIDE;
-    let colour = colour(wire);
     let _ = writeln!(
         out,
         "<path d=\"M {x1} {y1} C {beside} {y1} {beside} {y1} {beside} {y2} L {x2} {y2}\" \
-         fill=\"none\" stroke=\"{colour}\" stroke-width=\"2\" stroke-dasharray=\"6 3\"/>"
+         fill=\"none\" stroke=\"{}\" stroke-width=\"2\" stroke-dasharray=\"6 3\"/>",
+        colour(&numbered.wire)
     );
-    for (x, y) in [(x1, y1), (beside, y2)] {
-        disc(out, (x, y), numbered.number, colour);
+}
+
+/// Its ends: below the board, and beside its pin.
+fn ends_of_second(out: &mut String, numbered: &Numbered) {
+    let Some(socket) = socket(numbered.wire.to) else {
+        return;
+    };
+    let ((x1, y1), (x2, y2)) = (SECOND_BOARD, place(socket));
+    for at in [(x1, y1), (x2 + BESIDE, y2)] {
+        disc(out, at, numbered.number, colour(&numbered.wire));
     }
     let _ = writeln!(
         out,
