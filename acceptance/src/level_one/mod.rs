@@ -166,7 +166,7 @@ impl Options {
 /// # Errors
 /// When nothing can be measured: no image, no bus, no answer.
 pub fn run(bench: &mut dyn Bench, node: NodeId, options: &Options) -> anyhow::Result<Vec<Check>> {
-    run_and_tell(bench, node, options, &mut |_| {})
+    run_reporting(bench, node, options, &mut |_| {})
 }
 
 /// As [`run`]; `so_far` is told what was found after every check, so that a trial that ends early
@@ -174,7 +174,7 @@ pub fn run(bench: &mut dyn Bench, node: NodeId, options: &Options) -> anyhow::Re
 ///
 /// # Errors
 /// As [`run`].
-pub fn run_and_tell(
+pub fn run_reporting(
     bench: &mut dyn Bench,
     node: NodeId,
     options: &Options,

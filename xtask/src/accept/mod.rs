@@ -147,7 +147,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
             let images = images(arguments)?;
             let mut bench = EmulatedBench::new(&images, mutation);
             let node = NodeId::new(NODE).context("the board has no node-ID")?;
-            level_one::run_and_tell(&mut bench, node, &Options::SHORT, &mut so_far)?
+            level_one::run_reporting(&mut bench, node, &Options::SHORT, &mut so_far)?
         }
     };
     keep(&checks, true)?;
@@ -222,7 +222,7 @@ fn of_a_board(
         second,
     });
     let mut bench = BoardBench { link, hands };
-    level_one::run_and_tell(&mut bench, node, &Options::FULL, so_far)
+    level_one::run_reporting(&mut bench, node, &Options::FULL, so_far)
 }
 
 /// Level 1 of an emulated board behind an emulated serial adapter.
@@ -239,7 +239,7 @@ fn behind_an_adapter(
     let hands = Box::new(adapter);
     let mut bench = BoardBench { link, hands };
     let node = NodeId::new(NODE).context("the board has no node-ID")?;
-    let mut checks = level_one::run_and_tell(&mut bench, node, &Options::SHORT, so_far)?;
+    let mut checks = level_one::run_reporting(&mut bench, node, &Options::SHORT, so_far)?;
     for check in &mut checks {
         if BY_THE_MASTERS_CLOCK.contains(&check.name.as_str()) {
             check.tried = false;
