@@ -37,10 +37,10 @@ pub const SUPPLY: u8 = 16;
 
 /// Wires that stay in beside a second board: its own signal, and the stop.
 pub const WITH_SECOND: [u8; 3] = [INVERSE[3], STOP[0], STOP[1]];
-/// The wire from the second board to the first.
+/// The wire from the second board to the first: the last one of [`all`].
 pub const SECOND: Wire = wire(pin(b'D', 2), pin(b'B', 14), "the other board's inverse");
 
-/// All wires, in their order.
+/// The wires of one board, in their order.
 pub const WIRES: [Wire; 17] = [
     wire(pin(b'A', 8), pin(b'A', 15), "PWM front left"),
     wire(pin(b'A', 9), pin(b'C', 6), "PWM front right"),
@@ -111,14 +111,50 @@ pub fn connector(pin: u8) -> &'static str {
     found.map_or("", |row| row.1)
 }
 
+/// One of [`all`] wires.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Numbered {
+    /// Its number, from 1 on: what texts, table and picture call it.
+    pub number: usize,
+    /// The wire.
+    pub wire: Wire,
+    /// Whether it comes from a second board.
+    pub is_of_second: bool,
+}
+
+/// All wires with their numbers. Table, picture and texts are made from this.
+pub fn all() -> impl Iterator<Item = Numbered> {
+    let every = WIRES.into_iter().chain([SECOND]);
+    (1..).zip(every).map(|(number, wire)| Numbered {
+        number,
+        wire,
+        is_of_second: number > WIRES.len(),
+    })
+}
+
+/// The number of the wire from the second board.
+pub const SECOND_NUMBER: usize = WIRES.len() + 1;
+
+impl Numbered {
+    /// Both ends in words: `PA8 (CN10-23)`.
+    #[must_use]
+    pub fn ends(&self) -> [String; 2] {
+        let end = |pin| format!("{} ({})", name(pin), connector(pin));
+        let [from, to] = [self.wire.from, self.wire.to].map(end);
+        match self.is_of_second {
+            true => [from + " of the second board", to + " of the first"],
+            false => [from, to],
+        }
+    }
+}
+
 /// The wires as a table of Markdown, for docs/acceptance.md.
 #[must_use]
 pub fn table() -> String {
     let mut text = "| wire | from | to | for |\n|---|---|---|---|\n".to_owned();
-    for (place, wire) in WIRES.iter().enumerate() {
-        let end = |pin| format!("{} ({})", name(pin), connector(pin));
-        let (from, to) = (end(wire.from), end(wire.to));
-        text += &format!("| {} | {from} | {to} | {} |\n", place + 1, wire.what);
+    for wire in all() {
+        let [from, to] = wire.ends();
+        text += &format!("| {} | {from} | {to} | {} |\n", wire.number, wire.wire.what);
     }
     text
 }
@@ -159,6 +195,24 @@ mod tests {
             "docs/acceptance.md lacks\n{}",
             table()
         );
+    }
+
+    /// The page says in words how many wires there are, and which one is the second board's.
+    #[test]
+    fn the_text_counts_as_the_table_does() {
+        let page = include_str!("../../docs/acceptance.md");
+        let words = [
+            format!("a bare board, {} jumper wires", WIRES.len()),
+            format!("**Wire {SECOND_NUMBER}** leads from {} ", name(SECOND.from)),
+            format!("to {} ({})", name(SECOND.to), connector(SECOND.to)),
+            "all wires but 12, 15 and 16;".to_owned(),
+        ];
+        for words in words {
+            assert!(page.contains(&words), "docs/acceptance.md lacks '{words}'");
+        }
+        assert_eq!(WITH_SECOND.map(|place| place + 1), [12, 15, 16]);
+        assert_eq!(all().count(), SECOND_NUMBER);
+        assert_eq!(all().last().map(|wire| wire.wire), Some(SECOND));
     }
 
     /// What bring-up.md calls a pin that it gives a connector for.

@@ -48,6 +48,8 @@ struct Session<'a> {
     node: Node<'a>,
     options: &'a Options,
     checks: Vec<Check>,
+    /// Is told what was found so far, after every check.
+    so_far: &'a mut dyn FnMut(&[Check]),
 }
 
 /// How long the long checks last.
@@ -164,10 +166,25 @@ impl Options {
 /// # Errors
 /// When nothing can be measured: no image, no bus, no answer.
 pub fn run(bench: &mut dyn Bench, node: NodeId, options: &Options) -> anyhow::Result<Vec<Check>> {
+    run_reporting(bench, node, options, &mut |_| {})
+}
+
+/// As [`run`]; `so_far` is told what was found after every check, so that a trial that ends early
+/// leaves that behind.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_reporting(
+    bench: &mut dyn Bench,
+    node: NodeId,
+    options: &Options,
+    so_far: &mut dyn FnMut(&[Check]),
+) -> anyhow::Result<Vec<Check>> {
     let mut session = Session {
         node: Node::new(bench, node),
         options,
         checks: Vec::new(),
+        so_far,
     };
     let has = |part| options.parts == Parts::All || options.parts == part;
     if has(Parts::SelfTest) {
@@ -208,6 +225,7 @@ pub fn wires_alone(bench: &mut dyn Bench, node: NodeId) -> anyhow::Result<Vec<Ch
         node: Node::new(bench, node),
         options: &Options::SHORT,
         checks: Vec::new(),
+        so_far: &mut |_| {},
     };
     session.start()?;
     session.wires()?;
@@ -229,6 +247,10 @@ impl Session<'_> {
 
     /// Records a figure; what could not be measured is a broken promise with its reason.
     fn check(&mut self, what: What, measured: anyhow::Result<f64>) {
+        self.record(what, measured, true);
+    }
+
+    fn record(&mut self, what: What, measured: anyhow::Result<f64>, tried: bool) {
         let (measured, note) = match measured {
             Ok(value) => (Some(value), String::new()),
             Err(error) => (None, format!("{error:#}")),
@@ -238,20 +260,18 @@ impl Session<'_> {
             promised: what.promised,
             measured,
             unit: what.unit,
-            tried: true,
+            tried,
             expected: None,
             source: what.source,
             procedure: what.procedure,
             note,
         });
+        (self.so_far)(&self.checks);
     }
 
     /// Records that a figure was left out.
     fn leave_out(&mut self, what: What, reason: &str) {
-        self.check(what, Err(anyhow::anyhow!("{reason}")));
-        if let Some(check) = self.checks.last_mut() {
-            check.tried = false;
-        }
+        self.record(what, Err(anyhow::anyhow!("{reason}")), false);
     }
 
     /// Resets the board by its own software.

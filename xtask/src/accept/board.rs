@@ -115,11 +115,12 @@ impl Hands for Person {
         self.ask(&format!(
             "take out all wires but {}; write {} into a second board; join the grounds and the CAN \
              of both boards, on the second PC8, PB12 and PA6 with its ground, and {} of the second \
-             with {} of the first (wire 18); switch the second on",
+             with {} of the first (wire {}); switch the second on",
             stay.join(", "),
             self.paths.shipped.display(),
             end(wires::SECOND.from),
-            end(wires::SECOND.to)
+            end(wires::SECOND.to),
+            wires::SECOND_NUMBER
         ))?;
         self.flash(Image::Shipped)?;
         Ok(Some(protocol::FIRST_ROBOT + 1))

@@ -45,6 +45,9 @@ const BY_THE_MASTERS_CLOCK: [&str; 7] = [
     "load.driving",
 ];
 
+/// What a report says whose trial has not come to its end.
+const ENDED_EARLY: &str = "the trial ended early: what is not listed was not tried";
+
 /// A promise was not kept.
 const BROKEN: u8 = 6;
 
@@ -107,18 +110,47 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         return write(path, &picture::svg()).map(|()| ExitCode::SUCCESS);
     }
     let mutation = mutation(arguments.mutate.as_deref())?;
+    let emulated = serde_json::from_str(EMULATED).context("the emulated figures")?;
+    let subject = subject(arguments, mutation);
+    // Now, so that a file that cannot be written is found before a quarter of an hour is spent; and
+    // after every check, so that Ctrl-C or a board that dies leaves what was measured.
+    let keep = |checks: &[Check], ended: bool| -> anyhow::Result<()> {
+        let mut subject = subject.clone();
+        if !ended {
+            subject.limits.insert(0, ENDED_EARLY.to_owned());
+        }
+        let mut checks = checks.to_vec();
+        report::expect(&mut checks, &emulated);
+        if let Some(path) = &arguments.json {
+            let text = serde_json::to_string_pretty(&report::json(&subject, &checks))? + "\n";
+            write(path, &text)?;
+        }
+        if let Some(path) = &arguments.html {
+            write(path, &report::html(&subject, &checks))?;
+        }
+        Ok(())
+    };
+    keep(&[], false)?;
+    let mut so_far = |checks: &[Check]| {
+        if let Some(last) = checks.last() {
+            eprintln!("{:>3} {}", checks.len(), last.name);
+        }
+        if let Err(error) = keep(checks, false) {
+            eprintln!("{error:#}");
+        }
+    };
     let mut checks = match &arguments.bus {
-        Some(bus) => of_a_board(arguments, bus)?,
+        Some(bus) => of_a_board(arguments, bus, &mut so_far)?,
         #[cfg(unix)]
-        None if arguments.serial => behind_an_adapter(arguments, mutation)?,
+        None if arguments.serial => behind_an_adapter(arguments, mutation, &mut so_far)?,
         None => {
             let images = images(arguments)?;
             let mut bench = EmulatedBench::new(&images, mutation);
             let node = NodeId::new(NODE).context("the board has no node-ID")?;
-            level_one::run(&mut bench, node, &Options::SHORT)?
+            level_one::run_reporting(&mut bench, node, &Options::SHORT, &mut so_far)?
         }
     };
-    let emulated = serde_json::from_str(EMULATED).context("the emulated figures")?;
+    keep(&checks, true)?;
     report::expect(&mut checks, &emulated);
 
     for check in &checks {
@@ -126,6 +158,18 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     }
     let count = Count::of(&checks);
     println!("\n{count}");
+    for limit in &subject.limits {
+        println!("  {limit}");
+    }
+    Ok(if count.missed > 0 {
+        ExitCode::from(BROKEN)
+    } else {
+        ExitCode::SUCCESS
+    })
+}
+
+/// What is tried.
+fn subject(arguments: &Arguments, mutation: Option<&Mutation>) -> Subject {
     let hardware = arguments.bus.is_some();
     let (board, chip) = match hardware {
         true => ("NUCLEO-F446RE", "STM32F446RE, revision not read"),
@@ -134,7 +178,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
             "STM32F446RE, emulated, revision A",
         ),
     };
-    let subject = Subject {
+    Subject {
         level: 1,
         board: board.to_owned(),
         chip: chip.to_owned(),
@@ -146,22 +190,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
             true => Vec::new(),
             false => Options::SHORT.limits(),
         },
-    };
-    for limit in &subject.limits {
-        println!("  {limit}");
     }
-    if let Some(path) = &arguments.json {
-        let text = serde_json::to_string_pretty(&report::json(&subject, &checks))? + "\n";
-        write(path, &text)?;
-    }
-    if let Some(path) = &arguments.html {
-        write(path, &report::html(&subject, &checks))?;
-    }
-    Ok(if count.missed > 0 {
-        ExitCode::from(BROKEN)
-    } else {
-        ExitCode::SUCCESS
-    })
 }
 
 fn mutation(name: Option<&str>) -> anyhow::Result<Option<&'static Mutation>> {
@@ -173,7 +202,11 @@ fn mutation(name: Option<&str>) -> anyhow::Result<Option<&'static Mutation>> {
 }
 
 /// Level 1 of the board on a bus.
-fn of_a_board(arguments: &Arguments, bus: &BusAddress) -> anyhow::Result<Vec<Check>> {
+fn of_a_board(
+    arguments: &Arguments,
+    bus: &BusAddress,
+    so_far: &mut dyn FnMut(&[Check]),
+) -> anyhow::Result<Vec<Check>> {
     let node = NodeId::new(arguments.node);
     let node = node.with_context(|| format!("--node {}: give 1 to 127", arguments.node))?;
     let probe = arguments.probe.clone();
@@ -189,7 +222,7 @@ fn of_a_board(arguments: &Arguments, bus: &BusAddress) -> anyhow::Result<Vec<Che
         second,
     });
     let mut bench = BoardBench { link, hands };
-    level_one::run(&mut bench, node, &Options::FULL)
+    level_one::run_reporting(&mut bench, node, &Options::FULL, so_far)
 }
 
 /// Level 1 of an emulated board behind an emulated serial adapter.
@@ -197,6 +230,7 @@ fn of_a_board(arguments: &Arguments, bus: &BusAddress) -> anyhow::Result<Vec<Che
 fn behind_an_adapter(
     arguments: &Arguments,
     mutation: Option<&'static Mutation>,
+    so_far: &mut dyn FnMut(&[Check]),
 ) -> anyhow::Result<Vec<Check>> {
     let adapter = adapter::Adapter::start(images(arguments)?, mutation)?;
     let address = format!("slcan:{}", adapter.path().display());
@@ -205,7 +239,7 @@ fn behind_an_adapter(
     let hands = Box::new(adapter);
     let mut bench = BoardBench { link, hands };
     let node = NodeId::new(NODE).context("the board has no node-ID")?;
-    let mut checks = level_one::run(&mut bench, node, &Options::SHORT)?;
+    let mut checks = level_one::run_reporting(&mut bench, node, &Options::SHORT, so_far)?;
     for check in &mut checks {
         if BY_THE_MASTERS_CLOCK.contains(&check.name.as_str()) {
             check.tried = false;
@@ -251,5 +285,5 @@ fn write(path: &Path, text: &str) -> anyhow::Result<()> {
         std::fs::create_dir_all(folder)
             .with_context(|| format!("cannot make {}", folder.display()))?;
     }
-    std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
+    omnibus::file::replace(path, text).with_context(|| format!("cannot write {}", path.display()))
 }
