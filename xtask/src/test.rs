@@ -69,7 +69,7 @@ fn run_system(rest: &[String]) -> anyhow::Result<()> {
 /// Board C's images for slot A and slot B.
 fn board_c() -> anyhow::Result<[PathBuf; 2]> {
     let a = copy(&firmware::build_for(Board::RobomasterC)?, "board-c")?;
-    let b = firmware::build_slot_b(Board::RobomasterC, Wheels::Bridges)?;
+    let b = firmware::build_slot_b(Board::RobomasterC, Wheels::SmartDrives)?;
     Ok([a, copy(&b, "board-c-slot-b")?])
 }
 
