@@ -14,6 +14,7 @@ use group::GroupFile;
 use kinematics::Twist;
 use omnibus::commission::motors::turn_wheel;
 use omnibus::commission::wheel_test::{Observed, test_wheels};
+use omnibus::monitor::telemetry::Telemetry;
 use omnibus::path::curve::Curve;
 use omnibus::session::Group;
 use omnibus::simulation::link::SimLink;
@@ -347,6 +348,22 @@ fn crossed_identifiers_are_a_matter_of_the_group_file(image: &str) {
         let read = session.wire().read(NODE, address::TEMPERATURE, Kind::U8);
         assert_eq!(read.unwrap(), Value::U8(hot));
     }
+    // The session asks in turn, without waiting, and those who watch are told.
+    session
+        .link()
+        .world
+        .set_smart_drive(0, 2, DriveChange::Temperature(52));
+    let stream = session.telemetry();
+    for _ in 0..260 {
+        session.cycle(Twist::new(0.3, 0.0, 0.0)).unwrap();
+    }
+    let mut told = None;
+    while let Some(item) = stream.try_next() {
+        if let Telemetry::Snapshot(now) = item {
+            told = now.members[0].motor_temperature;
+        }
+    }
+    assert_eq!(told, Some(52));
     let robot = session.link().world.truth().robots[0];
     for rate in <[f64; 4]>::from(robot.wheel_rates) {
         assert!((rate * 0.076 / 0.3 - 1.0).abs() < 0.01, "{rate}");

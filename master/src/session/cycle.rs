@@ -71,6 +71,7 @@ impl<L: Link> Group<L> {
     /// Listens until the setpoint for the next SYNC has to go out; [`Group::next_sync`] then says
     /// which.
     pub(crate) fn await_turn(&mut self) -> Result<(), MasterError> {
+        self.ask_for_temperature()?;
         let ahead = Micros(self.next_sync.0.saturating_sub(self.lead_us()));
         self.listen(ahead)?;
         if self.paced && self.wire.now().0 > ahead.0 + LATE_US {

@@ -44,6 +44,7 @@ mod receive;
 pub mod roller_index;
 pub mod sdo;
 mod snapshot;
+mod temperature;
 #[cfg(test)]
 mod tests;
 
@@ -98,6 +99,8 @@ pub struct Member {
     pub last_heartbeat: Option<Micros>,
     /// SYNCs since the last status.
     pub silent_syncs: u32,
+    /// Temperature of the hottest motor behind smart drives as last heard, degrees Celsius.
+    pub temperature: Option<u8>,
 }
 
 /// A group of robots on a bus.
@@ -158,6 +161,7 @@ impl<L: Link> Group<L> {
             status_at: None,
             last_heartbeat: None,
             silent_syncs: 0,
+            temperature: None,
         });
         Self {
             wire: Wire::visiting(bus),

@@ -91,6 +91,7 @@ impl<L: Link> Group<L> {
             measured: row.measured,
             pose: row.pose,
             wheel_rates: row.wheel_rates,
+            motor_temperature: member.temperature,
             past: None,
         };
         sample.aged(age(member.status_at), age(member.last_heartbeat))

@@ -5,6 +5,7 @@
 //! member, that is number 2.
 
 use canopen::Frame;
+use group::StageKind;
 use kinematics::Twist;
 use protocol::{Fault, address as at, cob};
 use sim::smart_drive::DriveChange;
@@ -69,16 +70,23 @@ pub enum Drives {
     Any,
     /// Bridges.
     Bridges,
+    /// Bridges with one PWM each, whose enable a timer cuts.
+    OnePwm,
+    /// Bridges with two PWMs each, whose enable the program cuts.
+    TwoPwms,
     /// Smart drives.
     Smart,
 }
 
 impl Drives {
-    /// Whether robots with or without smart drives are among them.
-    pub const fn concern(self, smart: bool) -> bool {
+    /// Whether robots of this kind are among them.
+    pub const fn concern(self, kind: StageKind) -> bool {
+        let smart = kind.drive_current().is_some();
         match self {
             Self::Any => true,
             Self::Bridges => !smart,
+            Self::OnePwm => !smart && !kind.has_two_pwms(),
+            Self::TwoPwms => kind.has_two_pwms(),
             Self::Smart => smart,
         }
     }
@@ -160,6 +168,17 @@ const fn after(
 
 const fn stored(number: u8, variant: &'static str, procedure: super::power::Procedure) -> Case {
     Case::new(number, variant, Procedure::Stored(procedure))
+}
+
+/// An emergency stop without a program that could follow it.
+const fn stopped_while_halted(variant: &'static str) -> Case {
+    Case {
+        announced: Some(Fault::WatchdogReset),
+        ..now(15, variant, |master| {
+            master.world.halt(WATCHED, true);
+            master.world.set_emergency_stop(WATCHED, true);
+        })
+    }
 }
 
 /// An encoder that counts backwards from now on.
@@ -274,12 +293,15 @@ pub const CASES: &[Case] = &[
     // The break inputs of the timers have to cut alone. The watchdog then resets the robot, which
     // announces that.
     Case {
-        announced: Some(Fault::WatchdogReset),
-        ..now(15, "processor halted", |master| {
-            master.world.halt(WATCHED, true);
-            master.world.set_emergency_stop(WATCHED, true);
-        })
-        .of_bridges()
+        drives: Drives::OnePwm,
+        ..stopped_while_halted("processor halted")
+    },
+    // The brake waits for the watchdog; both PWMs are low at once (tests/output_stages.rs).
+    Case {
+        drives: Drives::TwoPwms,
+        millis: Some(100.0),
+        alone: true,
+        ..stopped_while_halted("processor halted: until the brake is engaged")
     },
     Case {
         settles_ms: SUPPLY_SETTLES_MS,

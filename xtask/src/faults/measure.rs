@@ -103,10 +103,12 @@ pub fn measure(
     }
     let since = |master: &TestMaster| (master.world.now().0 - began) as f64 / 1e3;
 
+    let two_pwms = group.robots.iter().all(|r| r.output.kind.has_two_pwms());
     let (mut reaction, mut rest) = (None, None);
     while rest.is_none() || since(&master) < reaction.unwrap_or(0.0) + REST_MS as f64 {
         let robot = watched(&master)?;
-        let off = !robot.drivers_enabled;
+        // With two PWMs the timers make both inputs low before the program takes the enable back.
+        let off = !robot.drivers_enabled || two_pwms && robot.duties == [0.0; 4];
         if reaction.is_none() && (off || effort(&robot) < before - VISIBLE) {
             ensure!(
                 off || !cuts,
@@ -115,7 +117,7 @@ pub fn measure(
             ensure!(!off || cuts, "the drivers are off without a ramp");
             reaction = Some(since(&master));
         }
-        let at_rest = off && !robot.brake_released;
+        let at_rest = !robot.drivers_enabled && !robot.brake_released;
         ensure!(
             rest.is_none() || at_rest,
             "the outputs came on again without a start"

@@ -155,7 +155,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         None => std::thread::available_parallelism().map_or(1, usize::from),
     };
 
-    let jobs = jobs(&promises, arguments.only, smart)?;
+    let jobs = jobs(&promises, arguments.only, stage.into())?;
     let (lines, skew) = std::thread::scope(|scope| {
         // The longest trial beside the others. A duty changes the PWM of the other kinds by fewer
         // steps, so that too few ticks show when it does.
@@ -247,11 +247,11 @@ fn fit_drives(robot: &mut group::Robot) {
 }
 
 /// What is to be tried, by number.
-fn jobs(promises: &[Promise], only: Option<u8>, smart: bool) -> anyhow::Result<Vec<Job<'_>>> {
+fn jobs(promises: &[Promise], only: Option<u8>, kind: StageKind) -> anyhow::Result<Vec<Job<'_>>> {
     let wanted = |number: u8| only.is_none_or(|only| only == number);
     CASES
         .iter()
-        .filter(|case| wanted(case.number) && case.drives.concern(smart))
+        .filter(|case| wanted(case.number) && case.drives.concern(kind))
         .map(|case| {
             let number = case.number;
             let promise = promises.iter().find(|promise| promise.number == number);

@@ -20,7 +20,7 @@
 //! effect, and the robot is off at the end of the ramp.
 
 use acceptance::causes::{Promise, Slow};
-use group::GroupFile;
+use group::{GroupFile, StageKind};
 use sim::test_master::TestMaster;
 
 use protocol::Reaction;
@@ -77,7 +77,7 @@ pub fn all(promises: &[Promise]) -> Vec<Pair<'_>> {
     };
     let causes: Vec<_> = CASES
         .iter()
-        .filter(|case| !case.alone && case.drives.concern(false))
+        .filter(|case| !case.alone && case.drives.concern(StageKind::PwmDirection))
         .filter(|case| !matches!(case.procedure, Procedure::Stored(_)))
         .filter_map(promised)
         .collect();

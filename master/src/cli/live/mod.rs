@@ -186,6 +186,7 @@ fn snapshot_json(now: &Snapshot) -> serde_json::Value {
                "past": m.past.map(|past| json!({"state": past.state.map(|state| format!("{state:?}")),
                                                 "code": past.code.code(), "age_s": past.age})),
                "scale": m.permitted_scale, "slip": m.slip_residual,
+               "motor_temperature_c": m.motor_temperature,
                "wheel_rates": m.wheel_rates.map(<[f32; 4]>::from)})
     });
     json!({"t": now.t, "phase": now.phase.name(), "foreign_master": now.foreign_master, "command": twist(now.command),

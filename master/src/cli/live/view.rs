@@ -275,6 +275,9 @@ fn row(member: &MemberSample) -> Line<'_> {
         let text = format!("{:>4} {nmt:<6} {:<12} last: {past}", member.node, "-");
         return Line::styled(text, style);
     }
+    let degrees = member
+        .motor_temperature
+        .map_or_else(String::new, |degrees| format!("{degrees} C "));
     let (code, style) = match member.code {
         Code::None => ("", Style::new()),
         Code::Limit(limit) => (limit.name(), Style::new().fg(Color::Yellow)),
@@ -282,7 +285,7 @@ fn row(member: &MemberSample) -> Line<'_> {
     };
     Line::from(vec![
         Span::raw(format!(
-            "{:>4} {nmt:<6} {state:<12.12} {scale:>5} {slip:>5} {wheels} ",
+            "{:>4} {nmt:<6} {state:<12.12} {scale:>5} {slip:>5} {wheels} {degrees}",
             member.node
         )),
         Span::styled(code, style),
@@ -433,6 +436,16 @@ mod tests {
             "{text}"
         );
         assert!(text.contains("   3 silent Moving "), "{text}");
+    }
+
+    /// Behind the wheels' rates, where the row has room for it, and only where it is known.
+    #[test]
+    fn the_motors_temperature_is_shown_before_the_fault() {
+        let mut hot = member(2, Code::Fault(Fault::DriveHot));
+        hot.motor_temperature = Some(81);
+        let text = screen(&view(vec![hot, member(3, Code::None)]));
+        assert!(text.contains(" -10.25 81 C DriveHot\n"), "{text}");
+        assert!(text.contains(" -10.25\n"), "{text}");
     }
 
     #[test]

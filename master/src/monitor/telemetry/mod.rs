@@ -162,6 +162,9 @@ pub struct MemberSample {
     pub pose: Option<Pose>,
     /// Measured wheel rates in rad/s, positive rolls the base forward.
     pub wheel_rates: Option<WheelRates>,
+    /// Temperature of the hottest motor behind smart drives, degrees Celsius: as last read, and
+    /// asked for only while this program commands.
+    pub motor_temperature: Option<u8>,
 }
 
 impl MemberSample {
