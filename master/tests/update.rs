@@ -350,10 +350,10 @@ fn an_abort_at_any_step_leaves_all_robots_with_one_image() {
         receives.count() > 4,
         "a transfer can be aborted in its middle"
     );
-    for at in 0..steps.len() {
+    for (at, step) in steps.iter().enumerate() {
         let mut wire = bus(2, 0, None);
         let (done, seen) = all(&Abort::default(), &mut wire, at);
-        let name = format!("{at}: {:?}", steps[at]);
+        let name = format!("{at}: {step:?}");
         if at >= confirmed {
             assert_eq!(done, Ok(()), "{name}");
             assert_eq!(versions(&mut wire, 2..4), [NEW; 2], "{name}");

@@ -74,11 +74,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             arguments.seconds
         );
     }
+    let abort = super::abort_on_ctrl_c()?;
     let link = arguments.target.command(&file)?;
+    abort.check()?;
     let recorder = arguments
         .record
         .begin(&arguments.target, "drive", link.now())?;
     let mut group = Group::observe(link, &file);
+    group.set_abort(abort);
     group.keep_last(ROWS);
     if let Some(recorder) = &recorder {
         group.wire().tap(recorder.sink());
@@ -145,7 +148,6 @@ fn moved(recorder: &Recorder) -> Option<Pose> {
 /// From finding the robots to their standing again.
 fn drive<L: Link>(arguments: &Arguments, group: &mut Group<L>, twist: Twist) -> anyhow::Result<()> {
     group.claim()?;
-    group.set_abort(super::abort_on_ctrl_c()?);
     group.start()?;
     group.set_twist(twist)?;
     let progress = Progress::new("drive");

@@ -32,7 +32,7 @@ impl<L: Link> Group<L> {
     /// Asks the robot whose turn it is.
     pub(super) fn ask_for_temperature(&mut self) -> Result<(), MasterError> {
         let place = usize::from(self.sequence / PERIODS);
-        let its_turn = self.phase == SessionState::Running && self.sequence % PERIODS == 0;
+        let its_turn = self.phase == SessionState::Running && self.sequence.is_multiple_of(PERIODS);
         let Some(robot) = self.file.robots.get(place).filter(|_| its_turn) else {
             return Ok(());
         };
