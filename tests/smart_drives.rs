@@ -348,7 +348,7 @@ fn crossed_identifiers_are_a_matter_of_the_group_file(image: &str) {
         let read = session.wire().read(NODE, address::TEMPERATURE, Kind::U8);
         assert_eq!(read.unwrap(), Value::U8(hot));
     }
-    // The session asks in turn, without waiting, and those who watch are told.
+    // The session asks in turn, without waiting, and observers get the answer.
     session
         .link()
         .world
@@ -357,13 +357,13 @@ fn crossed_identifiers_are_a_matter_of_the_group_file(image: &str) {
     for _ in 0..260 {
         session.cycle(Twist::new(0.3, 0.0, 0.0)).unwrap();
     }
-    let mut told = None;
+    let mut published = None;
     while let Some(item) = stream.try_next() {
         if let Telemetry::Snapshot(now) = item {
-            told = now.members[0].motor_temperature;
+            published = now.members[0].motor_temperature;
         }
     }
-    assert_eq!(told, Some(52));
+    assert_eq!(published, Some(52));
     let robot = session.link().world.truth().robots[0];
     for rate in <[f64; 4]>::from(robot.wheel_rates) {
         assert!((rate * 0.076 / 0.3 - 1.0).abs() < 0.01, "{rate}");

@@ -45,7 +45,7 @@ impl<L: Link> Group<L> {
                 (self.twist, self.sequence) = (setpoint.twist, setpoint.sequence);
             }
         } else {
-            self.hear_temperature(id, data);
+            self.take_temperature(id, data);
             self.on_report(at, id, data);
         }
     }

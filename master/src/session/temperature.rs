@@ -12,8 +12,8 @@ use crate::bus::link::Link;
 use crate::error::MasterError;
 use crate::monitor::telemetry::SessionState;
 
-/// CiA 301, 7.2.4.3.5 and 7.2.4.3.6: first byte of a request to read, and of an answer with one byte
-/// in it.
+/// CiA 301, 7.2.4.3.5 and 7.2.4.3.6: first byte of a request to read, and of an answer with one
+/// byte in it.
 const READ: u8 = 0x40;
 const ONE_BYTE: u8 = 0x4F;
 /// SDO to a robot and from it, with its node-ID added.
@@ -46,7 +46,7 @@ impl<L: Link> Group<L> {
     }
 
     /// Takes in the answer, whoever asked.
-    pub(super) fn hear_temperature(&mut self, id: u16, data: &[u8]) {
+    pub(super) fn take_temperature(&mut self, id: u16, data: &[u8]) {
         let Some((degrees, _)) = data
             .strip_prefix(&head(ONE_BYTE, address::TEMPERATURE))
             .and_then(<[u8]>::split_first)
