@@ -91,7 +91,7 @@ fn is_taken(pin: Pin) -> bool {
 /// Whether a power stage may listen to this pin, driver enable and brake release left out.
 pub fn is_of_the_power_stage(pin: Pin) -> bool {
     let others = [WIRING.direction, WIRING.inverse].into_iter().flatten();
-    let all = WIRING.pwm.into_iter().chain(others.flatten());
+    let mut all = WIRING.pwm.into_iter().chain(others.flatten());
     all.any(|other| is(pin, other))
 }
 
