@@ -67,6 +67,8 @@ enum Failure {
     Damaged,
     /// Its transfer is aborted in the middle.
     Aborted,
+    /// It answers this to the question from which slot it runs; an abort where there is no object.
+    RunsFrom(Option<u8>),
     /// Its new image says that it has this fault, and this of its configuration.
     ComesUpWith(Fault, u32),
 }
@@ -105,6 +107,17 @@ impl<L: Link> Trouble<L> {
             }
             Failure::FallsSilent(value) if is_control && data[4] == value => {
                 self.silent = true;
+                None
+            }
+            Failure::RunsFrom(slot) => {
+                let [low, high] = at::RUNNING_SLOT.index.to_le_bytes();
+                if data[..4] != [0x40, low, high, at::RUNNING_SLOT.sub] {
+                    return Some(*frame);
+                }
+                let id = 0x580 + u16::from(self.node);
+                let answer = |slot| Frame::new(id, &[0x4F, low, high, data[3], slot, 0, 0, 0]);
+                self.made_up
+                    .extend(slot.map_or_else(|| abort(0x0602_0000), answer));
                 None
             }
             Failure::ComesUpWith(fault, status) => {
@@ -366,6 +379,31 @@ fn an_abort_at_any_step_leaves_all_robots_with_one_image() {
         assert_eq!(done, Ok(()), "{name}");
         assert_eq!(versions(&mut wire, 2..4), [NEW; 2], "{name}");
     }
+}
+
+/// One robot of two has no second slot, or firmware from before updates: the error says what to do,
+/// and the other one keeps its image.
+#[test]
+fn robots_that_take_no_update_are_sent_to_the_cable() {
+    let image = Image::read(file(NEW, |_| ())).unwrap();
+    let nodes = [(2, None), (3, None)];
+    let mut wire = bus(2, 3, Some(Failure::RunsFrom(None)));
+    let error = update::survey(&mut wire, &nodes).unwrap_err().to_string();
+    assert!(error.contains("node 3"), "{error}");
+    assert!(
+        error.contains("flash it once by cable (cargo xtask flash)"),
+        "{error}"
+    );
+    let mut wire = bus(2, 3, Some(Failure::RunsFrom(Some(0))));
+    let before = update::survey(&mut wire, &nodes).unwrap();
+    let done = update::update(&mut wire, &image, &before, &Abort::default(), &mut |_| ());
+    let error = done.unwrap_err().to_string();
+    assert!(error.contains("node 3"), "{error}");
+    assert!(
+        error.contains("update it by cable (cargo xtask flash)"),
+        "{error}"
+    );
+    assert_eq!(versions(&mut wire, 2..4), [OLD; 2]);
 }
 
 #[test]

@@ -149,8 +149,19 @@ pub fn survey<L: Link>(
             ));
         }
         let mut read = |address, kind| wire.read(node, address, kind).map(Value::to_bits);
+        let slot = read(at::RUNNING_SLOT, Kind::U8).map_err(|error| match error {
+            MasterError::Refused {
+                abort: AbortCode::NoObject,
+                ..
+            } => refused(
+                node,
+                "its firmware is older than updates over the bus and has no boot code; flash it \
+                 once by cable (cargo xtask flash), which keeps its parameters",
+            ),
+            other => other,
+        })?;
         let version = read(at::FIRMWARE_VERSION, Kind::U32)?;
-        let slot = match read(at::RUNNING_SLOT, Kind::U8)? {
+        let slot = match slot {
             1 => Some(Slot::A),
             2 => Some(Slot::B),
             _ => None,
