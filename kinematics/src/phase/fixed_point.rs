@@ -139,8 +139,8 @@ fn power(exponent: u32) -> f64 {
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Folded<const M: usize> {
     rows: [[i32; 3]; M],
-    /// Fractional bits of the result.
-    fraction: u32,
+    /// A step of the result, a power of two.
+    step: f32,
 }
 
 /// The most fractional bits with which nothing of this size reaches 2^32; `None` below `least`.
@@ -236,7 +236,7 @@ impl FixedPhaseMember {
     pub fn inverse(&self, group: Twist, secants: &[i32; 4]) -> WheelRates {
         const STEPS: f32 = (1 << TWIST) as f32;
         let twist = [group.vx, group.vy, group.omega].map(|value| cut(value, STEPS));
-        let step = step(self.to_wheels.fraction);
+        let step = self.to_wheels.step;
         let rates = self.inverse_bits(twist, secants);
         rates.map(|rate| single(rate, step)).into()
     }
@@ -263,14 +263,14 @@ impl FixedPhaseMember {
     #[must_use]
     #[inline]
     pub const fn rates_fraction(&self) -> u32 {
-        self.to_wheels.fraction
+        fraction_of(self.to_wheels.step)
     }
 
     /// Fractional bits of the twist that [`FixedPhaseMember::measure_bits`] gives.
     #[must_use]
     #[inline]
     pub const fn twist_fraction(&self) -> u32 {
-        self.to_group.fraction
+        fraction_of(self.to_group.step)
     }
 
     /// The group twist (group frame) these wheel rates (rad/s) mean with these secants, and the
@@ -281,7 +281,7 @@ impl FixedPhaseMember {
         const STEPS: f32 = (1 << RATE) as f32;
         let rates = <[f32; 4]>::from(*rates).map(|rate| nearest(rate, STEPS));
         let ([vx, vy, omega], residual) = self.measure_bits(rates, secants);
-        let step = step(self.to_group.fraction);
+        let step = self.to_group.step;
         let twist = Twist {
             vx: single(vx, step),
             vy: single(vy, step),
@@ -345,7 +345,7 @@ impl FixedPhaseMember {
         const STEPS: f32 = FINE * (1 << RATE) as f32;
         let increments = <[f32; 4]>::from(*increments).map(|angle| nearest(angle, STEPS));
         let ([vx, vy, omega], _) = self.measure_bits(increments, secants);
-        let step = step(self.to_group.fraction) * (1.0 / FINE);
+        let step = self.to_group.step * (1.0 / FINE);
         Twist {
             vx: single(vx, step),
             vy: single(vy, step),
@@ -381,7 +381,7 @@ fn to_wheels<S: Real>(member: &PhaseMember<S>) -> Result<Folded<4>, GeometryErro
             row(front, bits)?,
             row(rear, bits)?,
         ],
-        fraction: bits + TWIST - 32 - LEAN,
+        step: step(bits + TWIST - 32 - LEAN),
     })
 }
 
@@ -393,13 +393,18 @@ fn to_group<S: Real>(member: &PhaseMember<S>) -> Result<Folded<3>, GeometryError
     let row = |[a, b, c]: [f64; 3]| Ok([scaled(a, bits)?, scaled(b, bits)?, scaled(c, bits)?]);
     Ok(Folded {
         rows: [row(vx)?, row(vy)?, row(omega)?],
-        fraction: bits + RATE - 32,
+        step: step(bits + RATE - 32),
     })
 }
 
 /// A step of a number with that many fractional bits, at most 126.
 const fn step(bits: u32) -> f32 {
     f32::from_bits(127_u32.wrapping_sub(bits) << 23)
+}
+
+/// The fractional bits of a number with that step.
+const fn fraction_of(step: f32) -> u32 {
+    127_u32.wrapping_sub(step.to_bits() >> 23)
 }
 
 /// Whole steps, towards zero; the ends for what lies beyond, zero for a NaN.
