@@ -39,7 +39,7 @@ pub enum Failure {
     UnhandledInterrupt(i16),
 }
 
-/// The calls that have led to a panic, the latest first, by the addresses that they would return to.
+/// The calls that have led to a panic, the latest first, by the addresses behind them.
 ///
 /// A panic's file and line are not used: their names, and the code that passes them on from each of
 /// some hundred checks, would be 8 KB of the image. `docs/bring-up.md` says how to read these.

@@ -5,6 +5,7 @@ mod encoders;
 mod group_rules;
 mod identification;
 mod interlock;
+#[cfg(feature = "update")]
 mod lock;
 mod neighbours;
 mod output_stage;
@@ -16,6 +17,9 @@ mod safety;
 mod start;
 mod storage;
 mod tracking;
+#[cfg(feature = "update")]
 mod update;
 mod wheels;
+#[cfg(not(feature = "update"))]
+mod without_update;
 mod world;
