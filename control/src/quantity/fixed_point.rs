@@ -362,6 +362,33 @@ impl Part {
     }
 }
 
+/// Whether any of some numbers is at an end of its range, where what does not fit stays: in the
+/// last thousandth of it, because a saturated product may lie that far from the end.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct Ends(u32);
+
+impl Ends {
+    /// No number yet.
+    pub const NONE: Self = Self(0);
+
+    /// A 1024th of the range, which carries a magnitude at the end into the sign.
+    const MARGIN: u32 = 1 << 21;
+
+    /// Looks at one more number, in three instructions.
+    #[inline(always)]
+    pub const fn note<const FRACTION: u32>(&mut self, value: Quantity<FRACTION>) {
+        let magnitude = (value.0 ^ (value.0 >> 31)).cast_unsigned();
+        self.0 |= magnitude.wrapping_add(Self::MARGIN);
+    }
+
+    /// Whether one was there.
+    #[must_use]
+    #[inline(always)]
+    pub const fn reached(self) -> bool {
+        self.0 >> 31 == 1
+    }
+}
+
 /// A sign, and nothing else of a number.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Sign(i32);

@@ -233,6 +233,26 @@ impl Part {
     }
 }
 
+/// Whether any of some numbers is at an end of its range: a float has none.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct Ends;
+
+impl Ends {
+    /// No number yet.
+    pub const NONE: Self = Self;
+
+    /// Looks at one more number.
+    #[inline(always)]
+    pub const fn note<const FRACTION: u32>(&mut self, _: Quantity<FRACTION>) {}
+
+    /// Whether one was there.
+    #[must_use]
+    #[inline(always)]
+    pub const fn reached(self) -> bool {
+        false
+    }
+}
+
 /// A sign, and nothing else of a number.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Sign(f32);

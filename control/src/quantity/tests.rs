@@ -100,6 +100,38 @@ fn what_does_not_fit_stays_at_the_end() {
     assert!(exact(wide) <= -1.999);
 }
 
+/// All that saturates is noticed, and nothing up to 0.999 of the range: of sums, products with the
+/// coarsest and the finest result, and conversions.
+#[test]
+fn an_end_of_the_range_is_noticed() {
+    fn is_noticed<const FRACTION: u32>(value: Quantity<FRACTION>) -> bool {
+        let mut ends = Ends::NONE;
+        ends.note(Quantity::<FRACTION>::ZERO);
+        ends.note(value);
+        ends.note(Quantity::<FRACTION>::ZERO);
+        ends.reached()
+    }
+    let is_fixed = cfg!(feature = "fixed-point");
+    for sign in [1.0, -1.0] {
+        let most = Rate::new(sign * 255.99);
+        assert_eq!(is_noticed(most + most), is_fixed);
+        assert_eq!(is_noticed(most + Rate::new(sign)), is_fixed);
+        // Shifted by 11, the least of any product in the tick, and by 31.
+        let product: Bandwidth = most.times(Large::new(3.0));
+        assert_eq!(is_noticed(product), is_fixed);
+        let product: Quantity<15> = most.times(Quantity::<23>::new(255.99));
+        assert_eq!(
+            is_noticed(product),
+            exact(product).abs() > 65_472.0 && is_fixed
+        );
+        let wide: Angle = most.to();
+        assert_eq!(is_noticed(wide), is_fixed);
+        assert_eq!(is_noticed(Rate::new(sign * 300.0)), is_fixed);
+        assert!(!is_noticed(Rate::new(sign * 255.7)));
+        assert!(!is_noticed(Rate::new(sign * 1e-6)));
+    }
+}
+
 #[test]
 fn conversions_are_off_by_half_a_step() {
     let mut spread = Spread(3);

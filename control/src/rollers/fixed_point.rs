@@ -97,7 +97,7 @@ impl Pitch {
         const INVERSE: u32 = 32 + 16 - Angle::FRACTION;
         let bits = Quantity::<EXACT>::new(pitch).to_bits().unsigned_abs();
         // In whole numbers: double precision would be in software.
-        let inverse = (1 << 63) / u64::from(bits.max(1)) >> (63 - EXACT - INVERSE);
+        let inverse = ((1 << 63) / u64::from(bits.max(1))) >> (63 - EXACT - INVERSE);
         Self {
             angle: Angle::new(pitch),
             steps: inverse.cast_signed(),

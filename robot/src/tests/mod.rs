@@ -14,6 +14,7 @@ mod parted;
 mod plan;
 mod reaction;
 mod safety;
+mod saturation;
 mod start;
 mod storage;
 mod tracking;
