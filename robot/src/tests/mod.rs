@@ -12,6 +12,7 @@ mod output_stage;
 mod pairs;
 mod parted;
 mod plan;
+mod ranges;
 mod reaction;
 mod safety;
 mod saturation;
