@@ -44,7 +44,11 @@ pub struct Updates(Option<(ProgramFlash, BootCode)>);
 impl Updates {
     /// Looks for them.
     pub fn find() -> Self {
-        Self(ProgramFlash::find())
+        Self(if cfg!(feature = "update") {
+            ProgramFlash::find()
+        } else {
+            None
+        })
     }
 
     /// The slot that the program runs from.

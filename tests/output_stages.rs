@@ -157,6 +157,36 @@ fn are_pwms_low(board: &Board) -> bool {
     PWM.into_iter().all(|pin| is_low(board, pin))
 }
 
+/// After the reset the log shows the calls of the panic: the first is inside it, all are in
+/// functions.
+fn assert_panic_is_named(world: &mut World, image: &emulator::Firmware, what: &str) {
+    let lines = world.take_logs().into_iter().map(|(_, line)| line.text);
+    let lines: Vec<String> = lines.filter(|line| line.contains("Panic([")).collect();
+    assert!(
+        lines.iter().any(|line| line.contains("the last run ended")),
+        "{what}: {lines:?}"
+    );
+    for line in &lines {
+        let numbers = line.split("0x").skip(1).map(|text| {
+            let end = text.find([',', ']']).expect("a list");
+            u32::from_str_radix(&text[..end], 16).expect("an address")
+        });
+        let calls: Vec<u32> = numbers.filter(|address| *address != 0).collect();
+        let names: Vec<&str> = calls
+            .iter()
+            .map(|call| {
+                let functions = image.functions();
+                // A call that does not return may be the last of a function.
+                let holds =
+                    |f: &&emulator::Symbol| (f.address..f.address + f.size).contains(&(call - 1));
+                functions.iter().find(holds).map_or("", |f| &f.name)
+            })
+            .collect();
+        assert!(names[0].contains("panic"), "{what}: {line} {names:?}");
+        assert!(!names.contains(&""), "{what}: {line} {names:?}");
+    }
+}
+
 /// A program that fails while it reverses, when PWM low is no safe state for most kinds: the
 /// bridges are off and every input low within a tick, and stay so over the reset.
 #[test]
@@ -189,6 +219,9 @@ fn a_crash_while_reversing_leaves_the_bridges_safe() {
                     is_safe(world.board(2).unwrap(), true),
                     "{what} after {later_us} us"
                 );
+            }
+            if how == Crash::Panic {
+                assert_panic_is_named(world, &image(told), &what);
             }
         }
     }

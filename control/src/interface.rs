@@ -171,6 +171,8 @@ pub struct Report {
     pub gyro: GyroReport,
     /// Ticks more than half a period late, so far.
     pub late_ticks: u32,
+    /// Ticks so far in which a number of fixed point was at an end of its range.
+    pub saturated_ticks: u32,
     /// State of each wheel's roller phase.
     pub roller_states: [RollerState; 4],
     /// Roller angle of each wheel, rad.
@@ -201,6 +203,7 @@ impl Report {
         temperature: 0,
         gyro: GyroReport::NONE,
         late_ticks: 0,
+        saturated_ticks: 0,
         roller_states: [RollerState::Constant; 4],
         roller_sweeps: [Angle::ZERO; 4],
     };

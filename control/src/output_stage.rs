@@ -34,6 +34,7 @@
 //! it. IN/IN bridges that coast when both inputs are low need a second PWM, and the kind that has
 //! both high in between ([`OutputStage::BrakeBetween`]).
 
+use crate::quantity::{Drive, Span};
 use crate::smart_drive::frames::Model;
 
 /// How a wheel is driven, with the numbers of object 0x2027:6.
@@ -112,7 +113,7 @@ struct Half {
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Pattern {
     /// Clocks of a duty of 1.
-    slope: f32,
+    span: Span,
     /// Forward and still, backward.
     halves: [Half; 2],
     /// By how many bits a word for the direction outputs is turned: 16 swaps the halves of a set
@@ -140,7 +141,7 @@ impl Pattern {
             OutputStage::C620 | OutputStage::C610 => (0, [up(0), up(0)], 0),
         };
         Self {
-            slope: span.into(),
+            span: Span::new(span),
             halves,
             turn,
         }
@@ -149,16 +150,8 @@ impl Pattern {
     /// Timer clocks for which the PWM is high; the whole period is always high.
     #[inline(always)]
     #[must_use]
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "the value is between 0 and the period, which fits; NaN becomes 0"
-    )]
-    pub fn high(&self, duty: f32) -> u32 {
-        let share = duty.abs();
-        // Not `min`: that is a library function, and it turns NaN into the full period.
-        let share = if share > 1.0 { 1.0 } else { share };
-        let clocks = (share * self.slope + 0.5) as u32;
+    pub fn high(&self, duty: Drive) -> u32 {
+        let clocks = self.span.of(duty);
         let [ahead, back] = &self.halves;
         let half = if Self::back(duty) == 0 { ahead } else { back };
         (clocks ^ half.flip).wrapping_add(half.base)
@@ -167,7 +160,7 @@ impl Pattern {
     /// Timer clocks for which the first and the second PWM of a wheel are high, in a kind with two.
     #[inline(always)]
     #[must_use]
-    pub fn pair(&self, duty: f32) -> [u32; 2] {
+    pub fn pair(&self, duty: Drive) -> [u32; 2] {
         let [ahead, _] = &self.halves;
         let (still, driven) = (ahead.flip.wrapping_add(ahead.base), self.high(duty));
         // Which input is driven low is the opposite of which is driven high.
@@ -183,8 +176,8 @@ impl Pattern {
     /// a duty is backward: 16, and 0 for forward, none, and what is not a number.
     #[inline(always)]
     #[must_use]
-    pub fn back(duty: f32) -> u32 {
-        if duty < 0.0 { 16 } else { 0 }
+    pub fn back(duty: Drive) -> u32 {
+        if duty < Drive::ZERO { 16 } else { 0 }
     }
 
     /// The word for a port's set and reset register, from the one that sets a direction output
@@ -207,9 +200,12 @@ mod tests {
     /// Share of the period and level of the direction output.
     fn levels(stage: OutputStage, duty: f32) -> (f32, bool) {
         let pattern = Pattern::new(stage, PERIOD);
-        let word = 1 << Pattern::back(duty);
+        let word = 1 << Pattern::back(Drive::new(duty));
         let high = pattern.direction(word) == 1;
-        (pattern.high(duty) as f32 / f32::from(PERIOD), high)
+        (
+            pattern.high(Drive::new(duty)) as f32 / f32::from(PERIOD),
+            high,
+        )
     }
 
     /// What the bridge for which a kind is meant makes of them, over the supply.
@@ -273,7 +269,7 @@ mod tests {
             let pattern = Pattern::new(stage, PERIOD);
             for step in -120_i8..=120 {
                 let duty = f32::from(step) / 100.0;
-                let [first, second] = pattern.pair(duty);
+                let [first, second] = pattern.pair(Drive::new(duty));
                 let got = (first as f32 - second as f32) / f32::from(PERIOD);
                 let want = duty.clamp(-1.0, 1.0);
                 assert!((got - want).abs() <= CLOCK, "{stage:?} {duty}: {got}");
@@ -286,7 +282,11 @@ mod tests {
                 assert_eq!(stands, still, "{stage:?} {duty}");
             }
             for duty in [0.0, -0.0, f32::NAN, -f32::NAN] {
-                assert_eq!(pattern.pair(duty), [still; 2], "{stage:?} {duty}");
+                assert_eq!(
+                    pattern.pair(Drive::new(duty)),
+                    [still; 2],
+                    "{stage:?} {duty}"
+                );
             }
         }
     }

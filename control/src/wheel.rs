@@ -19,8 +19,8 @@
 //! Cost: about 45 instructions for one wheel.
 
 use crate::quantity::{
-    Acceleration, AccelerationGain, Angle, AngleGain, Integral, Large, Rate, RateGain, Ratio, Time,
-    Voltage,
+    Acceleration, AccelerationGain, Angle, AngleGain, Ends, Integral, Large, Rate, RateGain, Ratio,
+    Time, Voltage,
 };
 use crate::silence::Trust;
 
@@ -81,6 +81,8 @@ pub struct Held {
     pub supply: bool,
     /// The torque bound.
     pub torque: bool,
+    /// Whether the voltage that was wanted could be said.
+    pub ends: Ends,
 }
 
 /// The loop around one wheel.
@@ -174,6 +176,7 @@ impl WheelLoop {
         held: &mut Held,
     ) -> Voltage {
         let given = self.bound(wanted, rate, tick.voltage, held);
+        held.ends.note(wanted);
         let (excess, error) = (wanted - given, rate_ref - rate);
         if !excess.agrees(error) {
             self.rise(error, tick.dt);

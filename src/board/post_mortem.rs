@@ -11,16 +11,13 @@ use core::ptr::addr_of_mut;
 
 use cortex_m::interrupt;
 
+use super::stack;
+
 /// How the program failed.
 #[derive(Clone, Copy, defmt::Format)]
 pub enum Failure {
-    /// A Rust panic: the end of the file's name, and the line.
-    Panic {
-        /// Last bytes of the file name, padded with spaces in front.
-        file: [u8; FILE_LENGTH],
-        /// Line, from 1.
-        line: u32,
-    },
+    /// A Rust panic.
+    Panic(Calls),
     /// A fault exception.
     HardFault {
         /// Address of the instruction; 0 when the stack held no frame.
@@ -42,8 +39,28 @@ pub enum Failure {
     UnhandledInterrupt(i16),
 }
 
-/// Number of stored bytes of the file name.
-pub const FILE_LENGTH: usize = 24;
+/// The calls that have led to a panic, the latest first, by the addresses behind them.
+///
+/// A panic's file and line are not used: their names, and the code that passes them on from each of
+/// some hundred checks, would be 8 KB of the image. `docs/bring-up.md` says how to read these.
+#[derive(Clone, Copy)]
+pub struct Calls([u32; CALLS]);
+
+/// Calls that are kept; the first is inside the panic.
+const CALLS: usize = WORDS - 2;
+
+impl Calls {
+    /// Those of now.
+    pub fn here() -> Self {
+        Self(stack::calls())
+    }
+}
+
+impl defmt::Format for Calls {
+    fn format(&self, formatter: defmt::Formatter) {
+        defmt::write!(formatter, "{=[?; 6]:#x}", self.0);
+    }
+}
 
 const MAGIC: u32 = 0x6d6f_7274;
 const WORDS: usize = 8;
@@ -73,11 +90,9 @@ pub fn count_watchdog_reset(is_one: bool) -> u32 {
 pub fn write(failure: Failure) {
     let mut words: Words = [MAGIC, 0, 0, 0, 0, 0, 0, 0];
     match failure {
-        Failure::Panic { file, line } => {
-            words[1] = 1 | line << 8;
-            for (word, bytes) in words[2..].iter_mut().zip(file.chunks_exact(4)) {
-                *word = bytes.try_into().map_or(0, u32::from_le_bytes);
-            }
+        Failure::Panic(Calls(calls)) => {
+            words[1] = 7;
+            words[2..].copy_from_slice(&calls);
         }
         Failure::HardFault { pc, sp, cfsr, bfar } => {
             words[1] = 2;
@@ -109,15 +124,8 @@ pub fn consume() -> Option<Failure> {
     if words[0] != MAGIC ^ fold(&words) {
         return None;
     }
-    match words[1] & 0xFF {
-        1 => {
-            let mut file = [b' '; FILE_LENGTH];
-            for (bytes, word) in file.chunks_exact_mut(4).zip(&words[2..]) {
-                bytes.copy_from_slice(&word.to_le_bytes());
-            }
-            let line = words[1] >> 8;
-            Some(Failure::Panic { file, line })
-        }
+    // 1 was a panic with file and line.
+    match words[1] {
         2 => Some(Failure::HardFault {
             pc: words[2],
             sp: words[3],
@@ -128,6 +136,11 @@ pub fn consume() -> Option<Failure> {
         4 => Some(Failure::BusStarved),
         5 => Some(Failure::ClockLost),
         6 => Some(Failure::SupplyCollapse),
+        7 => {
+            let mut calls = [0; CALLS];
+            calls.copy_from_slice(&words[2..]);
+            Some(Failure::Panic(Calls(calls)))
+        }
         _ => None,
     }
 }
@@ -137,13 +150,4 @@ fn fold(words: &Words) -> u32 {
     words[1..]
         .iter()
         .fold(1, |sum: u32, word| sum.rotate_left(5).wrapping_add(*word))
-}
-
-/// The last [`FILE_LENGTH`] bytes of `name`.
-pub fn tail(name: &str) -> [u8; FILE_LENGTH] {
-    let mut file = [b' '; FILE_LENGTH];
-    for (to, from) in file.iter_mut().rev().zip(name.bytes().rev()) {
-        *to = from;
-    }
-    file
 }

@@ -1,4 +1,4 @@
-//! How deep the one stack has been.
+//! How deep the one stack has been, and which calls are on it.
 //!
 //! Start-up fills the stack with a pattern (`paint-stack` of cortex-m-rt); what has lost it has
 //! been used. All interrupts and the tasks share this stack. It sees the deepest call ever
@@ -13,6 +13,10 @@ unsafe extern "C" {
     static _stack_end: u32;
     /// First address above the stack.
     static _stack_start: u32;
+    /// First address of code, from cortex-m-rt.
+    static __stext: u32;
+    /// First address behind it.
+    static __etext: u32;
 }
 
 /// The word with which cortex-m-rt paints the stack.
@@ -55,4 +59,43 @@ pub fn contains(address: u32, bytes: u32) -> bool {
     let end = addr_of!(_stack_end) as usize as u32;
     let start = addr_of!(_stack_start) as usize as u32;
     (end..=start.saturating_sub(bytes)).contains(&address)
+}
+
+/// The calls that have led here, the latest first, by the addresses that they return to; zeros
+/// after the first of all.
+///
+/// Whatever lies on the stack and follows a call in the code counts as one, so there may be some
+/// among them that have returned already.
+pub fn calls<const N: usize>() -> [u32; N] {
+    let mut found = [0; N];
+    let mut places = found.iter_mut();
+    let mut at = cortex_m::register::msp::read();
+    while contains(at, 4) {
+        // SAFETY: the stack pointer is aligned, and the word is in the stack.
+        let word = unsafe { read_volatile(at as *const u32) };
+        if is_after_call(word) {
+            let Some(place) = places.next() else {
+                break;
+            };
+            *place = word & !1;
+        }
+        at += 4;
+    }
+    found
+}
+
+/// Whether this is a return address: odd, and in the code behind `BL`, T1, or `BLX`, T1 (ARMv7-M
+/// Architecture Reference Manual, A7.7.18 and A7.7.19).
+fn is_after_call(word: u32) -> bool {
+    const LONGEST: u32 = 4;
+    let begin = addr_of!(__stext) as usize as u32 + LONGEST;
+    let end = addr_of!(__etext) as usize as u32;
+    let address = word & !1;
+    if word == address || !(begin..end).contains(&address) {
+        return false;
+    }
+    // SAFETY: both halfwords before it are code, and aligned.
+    let [first, second] =
+        [4, 2].map(|before| unsafe { read_volatile((address - before) as *const u16) });
+    (first & 0xF800 == 0xF000 && second & 0xD000 == 0xD000) || second & 0xFF87 == 0x4780
 }

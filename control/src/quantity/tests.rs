@@ -100,6 +100,65 @@ fn what_does_not_fit_stays_at_the_end() {
     assert!(exact(wide) <= -1.999);
 }
 
+/// All that saturates is noticed, and nothing up to 0.999 of the range: of sums, products with the
+/// coarsest and the finest result, and conversions.
+#[test]
+fn an_end_of_the_range_is_noticed() {
+    fn is_noticed<const FRACTION: u32>(value: Quantity<FRACTION>) -> bool {
+        let mut ends = Ends::NONE;
+        ends.note(Quantity::<FRACTION>::ZERO);
+        ends.note(value);
+        ends.note(Quantity::<FRACTION>::ZERO);
+        ends.reached()
+    }
+    let is_fixed = cfg!(feature = "fixed-point");
+    for sign in [1.0, -1.0] {
+        let most = Rate::new(sign * 255.99);
+        assert_eq!(is_noticed(most + most), is_fixed);
+        assert_eq!(is_noticed(most + Rate::new(sign)), is_fixed);
+        // Shifted by 11, the least of any product in the tick, and by 31.
+        let product: Bandwidth = most.times(Large::new(3.0));
+        assert_eq!(is_noticed(product), is_fixed);
+        let product: Quantity<15> = most.times(Quantity::<23>::new(255.99));
+        assert_eq!(
+            is_noticed(product),
+            exact(product).abs() > 65_472.0 && is_fixed
+        );
+        let wide: Angle = most.to();
+        assert_eq!(is_noticed(wide), is_fixed);
+        assert_eq!(is_noticed(Rate::new(sign * 300.0)), is_fixed);
+        assert!(!is_noticed(Rate::new(sign * 255.7)));
+        assert!(!is_noticed(Rate::new(sign * 1e-6)));
+    }
+}
+
+/// The clocks of a duty, against `f64`: a half, what the duty is off by, and what a float is off by
+/// when it adds the half.
+#[test]
+fn clocks_of_a_duty_are_the_nearest() {
+    let mut spread = Spread(11);
+    for period in [2, 450, 4_500, 9_000, u16::MAX] {
+        let span = Span::new(period);
+        let whole = f64::from(period);
+        for _ in 0..2_000 {
+            let duty = Drive::new(1.2 * spread.next());
+            let wanted = exact(duty).abs().min(1.0) * whole;
+            let off = (f64::from(span.of(duty)) - wanted).abs();
+            assert!(
+                off <= 0.5 + whole * f64::from(f32::EPSILON),
+                "{duty:?} {period}"
+            );
+        }
+        let (all, none) = (u32::from(period), 0);
+        for (duty, clocks) in [(1.0, all), (-1.0, all), (130.0, all), (0.0, none)] {
+            assert_eq!(span.of(Drive::new(duty)), clocks, "{duty} {period}");
+        }
+        assert_eq!(span.of(Drive::MAX), all);
+        assert_eq!(span.of(Drive::MIN), all);
+        assert_eq!(span.of(Drive::new(f32::NAN)), none);
+    }
+}
+
 #[test]
 fn conversions_are_off_by_half_a_step() {
     let mut spread = Spread(3);

@@ -89,11 +89,18 @@ impl Pitch {
     };
 
     /// So many rad.
-    #[expect(clippy::cast_possible_truncation, reason = "the cast saturates")]
     pub fn new(pitch: f32) -> Self {
+        /// Fractional bits with which a pitch is exact: it is between 0.02 rad, of 255 rollers, and
+        /// 2.1.
+        const EXACT: u32 = 29;
+        /// Fractional bits of one over it.
+        const INVERSE: u32 = 32 + 16 - Angle::FRACTION;
+        let bits = Quantity::<EXACT>::new(pitch).to_bits().unsigned_abs();
+        // In whole numbers: double precision would be in software.
+        let inverse = ((1 << 63) / u64::from(bits.max(1))) >> (63 - EXACT - INVERSE);
         Self {
             angle: Angle::new(pitch),
-            steps: (f64::from(1_u32 << (32 + 16 - Angle::FRACTION)) / f64::from(pitch)) as i64,
+            steps: inverse.cast_signed(),
         }
     }
 

@@ -53,6 +53,7 @@ impl Supervision {
             }
         }
         let drive = motion.drive::<D>(&mut self.report, turned, tick);
+        self.ends = drive.held.ends;
         if !free {
             motion.forgive();
         }

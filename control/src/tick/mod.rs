@@ -26,7 +26,7 @@ use crate::current::Current;
 use crate::gyro::Gyro;
 use crate::interface::{Command, Inputs, Mode, Outputs, Report};
 use crate::limiter::Step;
-use crate::quantity::{Angle, Voltage};
+use crate::quantity::{Angle, Ends, Voltage};
 use crate::rollers::{RollerState, Rollers};
 use crate::supply::Supply;
 use crate::threshold::{Hysteresis, Lasting};
@@ -74,6 +74,8 @@ struct Supervision {
     slip_fault: Lasting,
     identification: Option<Identification>,
     outcome: Option<Outcome>,
+    /// Of the voltages in this tick.
+    ends: Ends,
     gyro: Gyro,
     report: Report,
 }
@@ -101,6 +103,7 @@ impl ControlSide {
                 slip_fault: Lasting::new(),
                 identification: None,
                 outcome: None,
+                ends: Ends::NONE,
                 gyro: Gyro::new(),
                 report: Report::NONE,
             },
@@ -219,12 +222,33 @@ impl Supervision {
             self.report.obstacle = Some(Fault::WheelsTurn);
         }
         let mode = self.grant(motion, command);
-        if mode == Mode::Identify || self.identification.is_some() {
+        let outputs = if mode == Mode::Identify || self.identification.is_some() {
             self.identify::<D>(motion, command, turned, &tick)
         } else if mode == Mode::Off {
             self.rest(motion, command, command.mode == Mode::Ramp)
         } else {
             self.follow::<D>(motion, command, turned, &tick)
+        };
+        self.count_saturation(motion, turned);
+        outputs
+    }
+
+    /// Counts this tick if the result of one of its stages was at the end of what it can say.
+    #[inline]
+    fn count_saturation(&mut self, motion: &Motion, turned: [Angle; 4]) {
+        let report = &mut self.report;
+        let mut ends = core::mem::replace(&mut self.ends, Ends::NONE);
+        turned.into_iter().for_each(|one| ends.note(one));
+        report.rates.into_iter().for_each(|one| ends.note(one));
+        report.rates_ref.into_iter().for_each(|one| ends.note(one));
+        let accelerations = motion.accelerations;
+        accelerations.into_iter().for_each(|one| ends.note(one));
+        ends.note(report.measured.vx);
+        ends.note(report.measured.vy);
+        ends.note(report.measured.omega);
+        ends.note(report.slip_residual);
+        if ends.reached() {
+            report.saturated_ticks = report.saturated_ticks.wrapping_add(1);
         }
     }
 

@@ -11,7 +11,7 @@
 
 use fixed::types::I16F16;
 
-use super::Scalar;
+use super::{Scalar, steps};
 
 /// Magnitudes of a row's entries sum to at most this, so that with inputs of up to 2^31 the sum
 /// stays below 2^62.
@@ -30,16 +30,18 @@ impl Scalar for I16F16 {
 
     #[expect(
         clippy::cast_possible_truncation,
-        reason = "rounded before, and checked against the range after"
+        reason = "what does not fit is not returned"
     )]
     fn row<const SHIFT: u32, const N: usize>(entries: [f64; N]) -> Option<[i32; N]> {
-        let scale = f64::from(1_u32 << SHIFT);
-        let wide = entries.map(|entry| libm::round(entry * scale));
-        let sum = wide.iter().fold(0.0, |sum, entry| sum + entry.abs());
-        // A NaN fails the comparison. The limit leaves out i32's ends, so that each entry fits too.
-        #[expect(clippy::cast_precision_loss, reason = "a power of two is exact")]
-        let fits = sum < ROW_LIMIT as f64;
-        fits.then(|| wide.map(|entry| entry as i32))
+        let mut row = [0; N];
+        let mut sum = 0_i64;
+        for (to, entry) in row.iter_mut().zip(entries) {
+            let wide = steps(entry, SHIFT)?;
+            sum = sum.saturating_add(wide.abs());
+            // The limit leaves out i32's ends, so that each entry fits too.
+            *to = wide as i32;
+        }
+        (sum < ROW_LIMIT).then_some(row)
     }
 
     fn coefficient_step<const SHIFT: u32>() -> f64 {

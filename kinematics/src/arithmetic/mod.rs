@@ -23,6 +23,37 @@ use nalgebra::RealField;
 pub use root::square_root;
 pub use trig::{SIN_COS_RANGE, sin_cos};
 
+/// The nearest number of steps of `2^-fraction` to a float; halves go away from zero.
+/// `None` for 2^62 steps or more, and for a NaN.
+///
+/// From the bits, in whole numbers: a core without double precision takes a multiplication, a
+/// rounding and a comparison in software otherwise, and the image their routines. Not inlined: a
+/// robot converts some forty numbers.
+#[inline(never)]
+pub(crate) const fn steps(value: f64, fraction: u32) -> Option<i64> {
+    const MANTISSA: u32 = 52;
+    /// Exponent, as it is stored, of a float whose mantissa counts ones.
+    const ONES: u32 = 1023 + MANTISSA;
+    let bits = value.to_bits();
+    let stored = (bits >> MANTISSA & 0x7FF) as u32;
+    let digits = (bits & ((1 << MANTISSA) - 1) | 1 << MANTISSA).cast_signed();
+    let size = if stored == 0x7FF || stored + fraction >= ONES + 10 {
+        return None;
+    } else if stored + fraction >= ONES {
+        digits << (stored + fraction - ONES)
+    } else if stored + fraction + MANTISSA + 1 >= ONES {
+        let shift = ONES - stored - fraction;
+        (digits + (1 << (shift - 1))) >> shift
+    } else {
+        0
+    };
+    Some(if value.is_sign_negative() {
+        -size
+    } else {
+        size
+    })
+}
+
 mod sealed {
     pub trait Sealed {}
     impl Sealed for f32 {}
@@ -154,4 +185,41 @@ pub trait Real: Scalar<Coefficient = Self> + RealField {
     /// either end. 0 for what is no number.
     #[must_use]
     fn to_fraction(self) -> i32;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::steps;
+
+    /// Every exponent, mantissas that end in halves, each sign: as a multiplication and a rounding.
+    #[test]
+    fn steps_are_the_nearest() {
+        for exponent in 0..0x7FF_u64 {
+            for digits in [
+                0,
+                1,
+                0x8_0000_0000_0000,
+                0xF_FFFF_FFFF_FFFF,
+                0xA_BCDE_F012_3456,
+            ] {
+                for fraction in [0, 1, 20, 28, 29, 40] {
+                    let value = f64::from_bits(exponent << 52 | digits);
+                    let wanted = libm::round(value * f64::from(2.0_f32.powi(fraction)));
+                    let found = steps(value, fraction.cast_unsigned());
+                    if wanted < 4_611_686_018_427_387_904.0 {
+                        assert_eq!(found, Some(wanted as i64), "{value} {fraction}");
+                        assert_eq!(
+                            steps(-value, fraction.cast_unsigned()),
+                            Some(-wanted as i64)
+                        );
+                    } else {
+                        assert_eq!(found, None, "{value} {fraction}");
+                    }
+                }
+            }
+        }
+        for value in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+            assert_eq!(steps(value, 20), None);
+        }
+    }
 }

@@ -99,11 +99,17 @@ impl RollerTrack {
         if rollers < 3 {
             return Err(GeometryError::NotPositive("rollers - 2"));
         }
-        if counts_per_turn.is_nan() || counts_per_turn.abs() < f64::from(4 * u32::from(rollers)) {
+        // Magnitudes in the order of their bits, which takes no double precision.
+        let least = f64::from(4 * u32::from(rollers)).to_bits();
+        if counts_per_turn.is_nan() || counts_per_turn.abs().to_bits() < least {
             return Err(GeometryError::NotPositive("counts a roller - 3"));
         }
         let steps = steps_per_count(rollers, counts_per_turn);
-        let per_count = if counts_per_turn < 0.0 { -steps } else { steps };
+        let per_count = if counts_per_turn.is_sign_negative() {
+            -steps
+        } else {
+            steps
+        };
         Ok(Self {
             angle: 0,
             per_count,

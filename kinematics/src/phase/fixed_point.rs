@@ -35,7 +35,7 @@ use super::angle::RollerAngle;
 use super::member::PhaseMember;
 use super::secant::Secant;
 use crate::arithmetic::high_word::{dot, minus_product, plus_product, product};
-use crate::arithmetic::{Real, Scalar};
+use crate::arithmetic::{Real, Scalar, steps};
 use crate::compensation::VelocityCompensation;
 use crate::error::GeometryError;
 use crate::fixed_member::FINE;
@@ -117,22 +117,11 @@ impl FixedSecant {
 }
 
 /// A number as an integer with that many fractional bits.
-#[expect(
-    clippy::cast_possible_truncation,
-    reason = "checked to be within the range"
-)]
 fn scaled(value: f64, fraction: u32) -> Result<i32, GeometryError> {
-    let wide = libm::round(value * power(fraction));
-    if wide.abs() < f64::from(i32::MAX) {
-        Ok(wide as i32)
-    } else {
-        Err(GeometryError::Range)
-    }
-}
-
-/// 2 to the power of something.
-fn power(exponent: u32) -> f64 {
-    libm::scalbn(1.0, exponent.cast_signed())
+    steps(value, fraction)
+        .and_then(|wide| i32::try_from(wide).ok())
+        .filter(|bits| bits.unsigned_abs() < i32::MAX.unsigned_abs())
+        .ok_or(GeometryError::Range)
 }
 
 /// Rows of a matrix with as many fractional bits as leave room for their products.
@@ -144,17 +133,27 @@ struct Folded<const M: usize> {
 }
 
 /// The most fractional bits with which nothing of this size reaches 2^32; `None` below `least`.
-fn fraction(size: f64, least: u32) -> Option<u32> {
+#[inline(never)]
+fn fraction<S: Scalar>(size: S, least: u32) -> Option<u32> {
+    // Magnitudes in the order of their bits; a NaN is above all of them.
+    let size = size.widen().to_bits();
     (least..=40)
         .rev()
-        .find(|bits| size * power(*bits) < power(32))
+        .find(|bits| size < u64::from(1023 + 32 - bits) << 52)
 }
 
 /// The size of what a row gives when no input exceeds 2^31, over 2^31; and of its largest
 /// coefficient, which has to fit an `i32`.
-fn size(row: &[f64; 3]) -> f64 {
-    let [a, b, c] = row.map(f64::abs);
-    (a + b + c).max(2.0 * a.max(b).max(c))
+#[inline(never)]
+fn size<S: Real>(row: &[S; 3]) -> S {
+    let [a, b, c] = row.map(|entry| if entry < S::ZERO { -entry } else { entry });
+    let most = larger(larger(a, b), c);
+    larger(a + b + c, most + most)
+}
+
+/// The larger of two magnitudes.
+fn larger<S: Scalar>(a: S, b: S) -> S {
+    if a < b { b } else { a }
 }
 
 /// [`PhaseMember`] in 32-bit fixed point, with `f32` in and out.
@@ -207,15 +206,16 @@ impl FixedPhaseMember {
         compensation: &VelocityCompensation<S>,
     ) -> Result<Self, GeometryError> {
         let member = PhaseMember::new(geometry, mount, compensation);
-        let half_track = member.half_track().widen();
-        if !(HALF_TRACK_MIN..=HALF_TRACK_MAX).contains(&half_track) {
+        let half_track = member.half_track();
+        if !(S::constant(HALF_TRACK_MIN)..=S::constant(HALF_TRACK_MAX)).contains(&half_track) {
             return Err(GeometryError::Range);
         }
+        let half_track = scaled(half_track.widen(), SUM)?;
         Ok(Self {
             to_wheels: to_wheels(&member)?,
             to_group: to_group(&member)?,
-            half_track: scaled(half_track, SUM)?,
-            minus_square: scaled(-half_track * half_track, 2 * SUM - 32)?,
+            half_track,
+            minus_square: minus_product(0, half_track, half_track),
         })
     }
 
@@ -356,22 +356,17 @@ impl FixedPhaseMember {
 
 fn to_wheels<S: Real>(member: &PhaseMember<S>) -> Result<Folded<4>, GeometryError> {
     let (x, y, w, turn) = member.rows();
-    let sum = |a: &[S; 3], b: &[S; 3], sign: f64| {
-        let ([a, b, c], [d, e, f]) = (a.map(Scalar::widen), b.map(Scalar::widen));
-        [a + sign * d, b + sign * e, c + sign * f]
-    };
-    let (left, right) = (sum(&x, &turn, -1.0), sum(&x, &turn, 1.0));
-    let (front, rear) = (sum(&y, &w, 1.0), sum(&y, &w, -1.0));
+    let sum = |[a, b, c]: [S; 3], [d, e, f]: [S; 3]| [a + d, b + e, c + f];
+    let (left, right) = (sum(x, turn.map(|entry| -entry)), sum(x, turn));
+    let (front, rear) = (sum(y, w), sum(y, w.map(|entry| -entry)));
     // What turns with the wheel has `LEAN` bits less, in which the whole rate has to fit.
-    let sideways = size(&front).max(size(&rear));
-    let rate = size(&left).max(size(&right)) + SECANT_MAX * sideways;
-    let bits = fraction(
-        sideways.max(rate / power(LEAN)),
-        32 + LEAN + RATE_MIN - TWIST,
-    )
-    .ok_or(GeometryError::Range)?;
-    let row = |row: [f64; 3], bits: u32| {
-        let [a, b, c] = row;
+    let sideways = larger(size(&front), size(&rear));
+    let rate = larger(size(&left), size(&right)) + S::constant(SECANT_MAX) * sideways;
+    let part = rate * S::constant(const { 1.0 / (1 << LEAN) as f64 });
+    let least = 32 + LEAN + RATE_MIN - TWIST;
+    let bits = fraction(larger(sideways, part), least).ok_or(GeometryError::Range)?;
+    let row = |row: [S; 3], bits: u32| {
+        let [a, b, c] = row.map(Scalar::widen);
         Ok([scaled(a, bits)?, scaled(b, bits)?, scaled(c, bits)?])
     };
     Ok(Folded {
@@ -386,11 +381,14 @@ fn to_wheels<S: Real>(member: &PhaseMember<S>) -> Result<Folded<4>, GeometryErro
 }
 
 fn to_group<S: Real>(member: &PhaseMember<S>) -> Result<Folded<3>, GeometryError> {
-    let rows = member.rows_back().map(|row| row.map(Scalar::widen));
-    let largest = rows.iter().map(size).fold(0.0, f64::max);
+    let rows = member.rows_back();
+    let largest = rows.iter().map(size).fold(S::ZERO, larger);
     let bits = fraction(largest, 32 - RATE).ok_or(GeometryError::Range)?;
     let [vx, vy, omega] = rows;
-    let row = |[a, b, c]: [f64; 3]| Ok([scaled(a, bits)?, scaled(b, bits)?, scaled(c, bits)?]);
+    let row = |row: &[S; 3]| {
+        let [a, b, c] = row.map(Scalar::widen);
+        Ok([scaled(a, bits)?, scaled(b, bits)?, scaled(c, bits)?])
+    };
     Ok(Folded {
         rows: [row(vx)?, row(vy)?, row(omega)?],
         step: step(bits + RATE - 32),

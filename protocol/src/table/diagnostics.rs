@@ -35,6 +35,9 @@ records! { DIAGNOSTICS_RECORDS:
              effect late.";
         LATEST_VOTE = 9: state("Latest vote", "us", Kind::U32),
             "Longest time from SYNC to the last vote on it, since the start.";
+        SATURATED_TICKS = 10: counter("Saturated ticks"),
+            "Control ticks in fixed point in which a number was in the last thousandth of its \
+             range, where what does not fit stays; 0 in floating point.";
     }
 }
 

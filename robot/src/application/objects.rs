@@ -91,6 +91,7 @@ impl Application {
             at::GYRO_RATE => Value::F32(self.report.gyro.rate),
             at::GYRO_BIAS => Value::F32(self.report.gyro.bias),
             at::LATE_TICKS => Value::U32(self.report.late_ticks),
+            at::SATURATED_TICKS => Value::U32(self.report.saturated_ticks),
             at::LOST_SYNCS => Value::U32(counters.lost_syncs),
             at::IGNORED_SETPOINTS => Value::U32(counters.ignored_setpoints),
             at::REFUSED_WRITES => Value::U32(counters.refused_writes),

@@ -48,6 +48,10 @@ const PROOF_US: u64 = 5_000_000;
 /// How long an image may be on trial until it starts again, us.
 const TRIAL_US: u64 = 60_000_000;
 
+/// Whether this robot takes updates at all. Without the feature it is one without slots, and the
+/// compiler leaves out everything that needs one.
+const IS_TAKEN: bool = cfg!(feature = "update");
+
 /// Bytes of a header, as the length of a download is counted.
 #[expect(clippy::cast_possible_truncation, reason = "256")]
 const HEADER: u32 = LENGTH as u32;
@@ -185,11 +189,16 @@ impl Update {
         }
     }
 
+    /// The slot that the program runs from.
+    const fn running(&self) -> Option<Slot> {
+        if IS_TAKEN { self.running } else { None }
+    }
+
     /// Reads what is known about both slots, at start. A confirmation that a loss of power has cut
     /// is written again, once: its second word might read otherwise the next time.
     pub fn start(&mut self, flash: &impl Flash) {
         self.survey(flash);
-        let state = self.running.map(|slot| State::read(flash, slot));
+        let state = self.running().map(|slot| State::read(flash, slot));
         if let Some(State::Confirmed {
             is_settled: false, ..
         }) = state
@@ -200,7 +209,7 @@ impl Update {
 
     /// Reads what is known about both slots, after every job that changes it.
     fn survey(&mut self, flash: &impl Flash) {
-        let Some(running) = self.running else {
+        let Some(running) = self.running() else {
             return;
         };
         let (state, other) = (
@@ -233,7 +242,7 @@ impl Update {
 
     /// Object 0x2003:1.
     pub const fn running_slot(&self) -> u8 {
-        match self.running {
+        match self.running() {
             None => 0,
             Some(slot) => number(slot),
         }
@@ -241,7 +250,7 @@ impl Update {
 
     /// Object 0x2003:2.
     pub const fn wanted_slot(&self) -> u8 {
-        match self.running {
+        match self.running() {
             None => 0,
             Some(slot) => number(slot.other()),
         }
@@ -293,11 +302,12 @@ impl Update {
     /// Whether something is under way. Every turn of the bus task asks this before anything else.
     #[inline(always)]
     pub const fn is_busy(&self) -> bool {
-        self.ordered.is_some()
-            || matches!(
-                self.phase,
-                Phase::Erasing(_) | Phase::Receiving(_) | Phase::Verifying
-            )
+        IS_TAKEN
+            && (self.ordered.is_some()
+                || matches!(
+                    self.phase,
+                    Phase::Erasing(_) | Phase::Receiving(_) | Phase::Verifying
+                ))
     }
 
     /// Does what 0x1F51 is written for. `is_at_rest`: the outputs are off, and nothing is being
@@ -307,7 +317,7 @@ impl Update {
     /// [`AbortCode::UnsupportedAccess`] for a robot without slots, [`AbortCode::DeviceState`] if
     /// not now, [`AbortCode::InvalidValue`] for an unknown value.
     pub fn control(&mut self, value: u8, nmt: NmtState, is_at_rest: bool) -> Result<(), AbortCode> {
-        if self.running.is_none() {
+        if self.running().is_none() {
             return Err(AbortCode::UnsupportedAccess);
         }
         if nmt != NmtState::PreOperational || !is_at_rest || self.is_busy() {
@@ -353,7 +363,7 @@ impl Update {
         nmt: NmtState,
         is_at_rest: bool,
     ) -> Result<(), AbortCode> {
-        let slot = self.running.ok_or(AbortCode::UnsupportedAccess)?.other();
+        let slot = self.running().ok_or(AbortCode::UnsupportedAccess)?.other();
         if nmt != NmtState::PreOperational || !is_at_rest || self.phase != Phase::Cleared {
             return Err(AbortCode::DeviceState);
         }
@@ -379,6 +389,9 @@ impl Update {
         let Phase::Receiving(mut got) = self.phase else {
             return Err(AbortCode::DeviceState);
         };
+        if !IS_TAKEN {
+            return Err(AbortCode::UnsupportedAccess);
+        }
         for byte in bytes {
             if let Some(to) = usize::try_from(got)
                 .ok()
@@ -402,6 +415,7 @@ impl Update {
     /// The download is complete.
     pub fn finish(&mut self) -> Result<(), AbortCode> {
         match self.phase {
+            _ if !IS_TAKEN => Err(AbortCode::UnsupportedAccess),
             Phase::Receiving(got) if got == self.length && got > 0 => {
                 self.phase = Phase::Verifying;
                 Ok(())
@@ -414,6 +428,9 @@ impl Update {
     /// The download, or what is done with it, ends without success: also when the robot leaves
     /// PRE-OPERATIONAL.
     pub fn cancel(&mut self) {
+        if !IS_TAKEN {
+            return;
+        }
         match self.phase {
             Phase::Receiving(_) | Phase::Verifying | Phase::Erasing(_) => {
                 self.phase = Phase::Stopped;
@@ -428,7 +445,7 @@ impl Update {
 
     /// The header is complete: whether it is one for this robot.
     fn admit(&mut self) -> Result<(), AbortCode> {
-        let slot = self.running.ok_or(AbortCode::UnsupportedAccess)?.other();
+        let slot = self.running().ok_or(AbortCode::UnsupportedAccess)?.other();
         let Ok(header) = Header::parse(&self.header) else {
             return Err(self.refuse(Problem::Header, AbortCode::InvalidValue));
         };
@@ -479,12 +496,13 @@ impl Update {
     /// Whether the running image is on trial.
     #[inline(always)]
     pub const fn is_on_trial(&self) -> bool {
-        self.survey.on_trial
+        IS_TAKEN && self.survey.on_trial
     }
 
     /// What is to be done now.
     pub fn job(&self) -> Option<Job> {
         match (self.ordered, self.phase) {
+            _ if !IS_TAKEN => None,
             (Some(job), _) => Some(job),
             (None, Phase::Erasing(nth)) => Some(Job::Erase(nth)),
             (None, Phase::Receiving(_)) if self.waiting.len() >= 4 => Some(Job::Program),

@@ -39,7 +39,7 @@ pub enum Done {
 impl Update {
     /// Does what is to be done.
     pub fn work(&mut self, flash: &mut impl Flash, crypto: &impl Crypto) -> Done {
-        let (Some(job), Some(running)) = (self.job(), self.running) else {
+        let (Some(job), Some(running)) = (self.job(), self.running()) else {
             return Done::GoOn;
         };
         self.ordered = None;

@@ -4,27 +4,19 @@
 
 use emulator::{Board, Firmware};
 
-/// Where the program calls a panic with its own location: the call, with the load of its one
-/// argument before it.
+/// Where the program calls a panic; the calls have no arguments.
 pub fn panic_site(firmware: &Firmware, board: &Board) -> Option<u32> {
-    const PANICS: [&str; 2] = ["panic_const::panic_const_", "option::unwrap_failed"];
-    let is_panic = |name: &str| PANICS.iter().any(|part| name.contains(part));
     let functions = firmware.functions();
     let panics: Vec<u32> = functions
         .iter()
-        .filter(|function| is_panic(&function.name))
+        .filter(|function| function.name.contains("panicking::panic"))
         .map(|function| function.address)
         .collect();
-    let halfwords = functions
+    let mut halfwords = functions
         .iter()
         .flat_map(|f| (f.address..f.address + f.size).step_by(2));
-    halfwords
-        .filter(|at| half(board, *at).is_some_and(|word| word & 0xFF00 == LOAD_R0))
-        .find(|at| call(board, at + 2).is_some_and(|to| panics.contains(&to)))
+    halfwords.find(|at| call(board, *at).is_some_and(|to| panics.contains(&to)))
 }
-
-/// `LDR r0, [pc, #n]`, T1.
-const LOAD_R0: u16 = 0x4800;
 
 /// A loop of one or two instructions that do nothing.
 pub fn endless_loop(firmware: &Firmware, board: &Board) -> Option<u32> {

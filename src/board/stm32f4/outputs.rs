@@ -37,6 +37,7 @@
 //! bridge stands at a time, so this is no voltage.
 
 use control::output_stage::{OutputStage, Pattern};
+use control::quantity::Drive;
 use embassy_stm32::pac;
 use embassy_stm32::pac::gpio::regs::Bsrr;
 use embassy_stm32::pac::timer::TimAdv;
@@ -175,14 +176,18 @@ impl Outputs {
     /// `duty` per wheel is -1..=1, positive rolls the base forward. After the drivers were
     /// disabled, or cut by the break input, they come back only when `drivers_enabled` goes from
     /// `false` to `true`.
-    pub fn set(&mut self, duty: [f32; 4], drivers_enabled: bool, brake_released: bool) {
+    pub fn set(&mut self, duty: [Drive; 4], drivers_enabled: bool, brake_released: bool) {
         // A bench image may be halted in any state of its outputs.
         let drivers_enabled = drivers_enabled && !cfg!(feature = "bench");
         if !drivers_enabled {
             pac::TIM8.bdtr().modify(|w| w.set_moe(false));
             pac::TIM1.bdtr().modify(|w| w.set_moe(false));
         }
-        let duty = if drivers_enabled { duty } else { [0.0; 4] };
+        let duty = if drivers_enabled {
+            duty
+        } else {
+            [Drive::ZERO; 4]
+        };
         let pattern = &self.pattern;
         // Unrolled: 39 instructions fewer than a loop. Worked out before anything is written, so
         // that duties and directions change together.
@@ -248,7 +253,7 @@ impl Outputs {
             return;
         }
         for (wheel, duty) in duty.into_iter().enumerate() {
-            let high = self.pattern.high(duty);
+            let high = self.pattern.high(Drive::new(duty));
             pac::TIM1.ccr(wheel).write(|w| w.0 = high);
             if driven {
                 if let Some(direction) = WIRING.direction {

@@ -12,7 +12,7 @@
     reason = "fault handlers run outside the language's rules"
 )]
 
-use core::panic::{Location, PanicInfo};
+use core::panic::PanicInfo;
 use core::sync::atomic::{AtomicBool, Ordering};
 
 use cortex_m::peripheral::SCB;
@@ -20,7 +20,7 @@ use cortex_m_rt::exception;
 use embassy_stm32::{interrupt, pac};
 
 use super::outputs;
-use crate::board::post_mortem::{self, Failure};
+use crate::board::post_mortem::{self, Calls, Failure};
 use crate::board::stack;
 
 /// Set by the first failure. A later failure on the way to the reset, above all in the log, must
@@ -35,30 +35,22 @@ fn is_first() -> bool {
     !failed
 }
 
-// Inlined into `core`'s only call of it, the optimiser sees that the message is not used, and
-// leaves out all messages and the formatting of their numbers: 2 KB.
+// Inlined into `core`'s only call of it, the optimiser sees that message, file and line are not
+// used, and leaves out all of them and what passes them on: 10 KB.
 #[expect(
     unused_attributes,
     reason = "of an exported function rustc says so, but LLVM gets it"
 )]
 #[inline(always)]
 #[panic_handler]
-fn panic(info: &PanicInfo) -> ! {
-    stop(info.location())
+fn panic(_: &PanicInfo) -> ! {
+    stop()
 }
 
-fn stop(location: Option<&Location>) -> ! {
+fn stop() -> ! {
     cortex_m::interrupt::disable();
     outputs::cut();
-    if is_first()
-        && let Some(location) = location
-    {
-        post_mortem::write(Failure::Panic {
-            file: post_mortem::tail(location.file()),
-            line: location.line(),
-        });
-        defmt::error!("panic at {=str}:{=u32}", location.file(), location.line());
-    }
+    record(Failure::Panic(Calls::here()));
     wait_for_reset()
 }
 
