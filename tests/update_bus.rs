@@ -16,10 +16,13 @@ use robot::update::{Problem, order};
 
 #[path = "update/file.rs"]
 mod file;
+#[path = "update/power.rs"]
+mod power;
 #[path = "update/robot.rs"]
 mod robot_on_bus;
 
 use file::{BOARD_C, DRIVES, File, NEW, REFERENCE, Robots};
+use power::power_lost_at_every_operation_and_again_in_the_repair;
 use robot_on_bus::{Content, Failure, LONG_US, MS, NODE, Robot, SHORT_US};
 
 /// Object 0x1017.
@@ -37,6 +40,7 @@ mod reference {
         a_poll_is_answered_while_a_sector_is_erased
         what_else_is_asked_while_a_sector_is_erased_is_answered_after_it
         power_lost_anywhere_in_an_update_leaves_a_robot_that_boots_and_takes_the_next
+        power_lost_at_every_operation_and_again_in_the_repair
         an_image_that_fails_gives_way_to_the_old_one
         an_image_that_is_never_confirmed_gives_way_to_the_old_one
         an_image_that_confirms_itself_and_dies_is_started_again_and_can_be_sent_back
@@ -72,14 +76,20 @@ fn flashed(file: &File) -> Robot {
     robot
 }
 
-/// The client's steps up to the order to start the new image.
-fn bring(robot: &mut Robot, download: &[u8]) -> Result<(), Failure> {
+/// The client's steps until the new image is checked.
+fn receive(robot: &mut Robot, download: &[u8]) -> Result<(), Failure> {
     robot.ready()?;
     robot.control(order::STOP)?;
     robot.control(order::CLEAR)?;
     robot.ready()?;
     robot.download(download)?;
     assert_eq!(robot.ready()?, 0);
+    Ok(())
+}
+
+/// The same, and the order to start it.
+fn bring(robot: &mut Robot, download: &[u8]) -> Result<(), Failure> {
+    receive(robot, download)?;
     robot.control(order::START)
 }
 

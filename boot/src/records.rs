@@ -3,11 +3,11 @@
 //! # Theory of operation
 //!
 //! Sixteen words at the end of each slot, which are written one after the other and erased with
-//! the slot:
+//! the slot; before that, words 0 and 1 [discard](discard) it:
 //!
 //! | word | written | |
 //! |---|---|---|
-//! | 0 | after the erase, before the first word of the image | an update is being received |
+//! | 0 | before the erase, and again before the first word of the image | an update is received |
 //! | 1 to 7 | once the image is checked | the [seal](Seal), its own checksum last |
 //! | 8 | at the order to start it | on trial |
 //! | 9 to 11 | by the boot code before it starts a trial | one attempt each |
@@ -204,6 +204,21 @@ pub fn is_from_cable(flash: &impl Flash) -> bool {
 pub fn may_be_replaced(flash: &impl Flash, slot: Slot) -> bool {
     let running = State::read(flash, slot.other());
     is_from_cable(flash) || !matches!(running, State::Trial { .. })
+}
+
+/// Notes that a slot is about to be erased. An erase that loses its power leaves any part of what
+/// was there: without this, a seal beside half an image, or half an image about which nothing is
+/// known.
+///
+/// # Errors
+/// When the flash refuses.
+pub fn discard(flash: &mut impl Flash, slot: Slot) -> Result<(), FlashError> {
+    for nth in [at::BEGUN, at::SEAL] {
+        if flash.word(tail(slot, nth)) != 0 {
+            flash.program(tail(slot, nth), 0)?;
+        }
+    }
+    Ok(())
 }
 
 /// Notes that a slot is being received. To be called between the erase of its sectors and its

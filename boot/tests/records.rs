@@ -115,6 +115,7 @@ fn erase(chip: &mut Chip, slot: Slot) -> Result<(), FlashError> {
 /// Receives an image and seals it.
 fn receive(chip: &mut Chip, slot: Slot, version: u32) -> Result<(), FlashError> {
     let sequence = records::next_sequence(chip);
+    records::discard(chip, slot)?;
     erase(chip, slot)?;
     records::begin(chip, slot)?;
     write(chip, slot, version)?;

@@ -252,3 +252,50 @@ fn no_command_takes_robots_from_another_master() {
         );
     }
 }
+
+/// Every command that reads a file names the one that is not there, and says what to give.
+#[test]
+fn a_file_that_is_not_there_is_named_with_what_to_give_instead() {
+    const BUS: [&str; 2] = ["--bus", "sim:groups/tcc-2.toml"];
+    // The last word before the bus is the file.
+    for (call, give) in [
+        ("update", "cargo xtask release --out FILE"),
+        ("lock --set-key", "omnibus lock --set-key FILE --new"),
+        ("unlock --key", "omnibus lock --set-key FILE --new"),
+        ("param load --node 2", "omnibus param dump"),
+        ("serve --token-file", "a file with at least"),
+        ("replay", "omnibus record"),
+        ("follow", "a .csv file or the name of a curve"),
+    ] {
+        refuses_missing(call, &BUS, give);
+    }
+    for (call, give) in [
+        ("plot", "omnibus record"),
+        ("report", "omnibus record"),
+        ("convert --to csv", "omnibus record"),
+        ("group show", "the path of a group file"),
+        ("group draw", "the path of a group file"),
+        ("status --bus", "the path of a group file"),
+    ] {
+        refuses_missing(call, &[], give);
+    }
+}
+
+fn refuses_missing(call: &str, rest: &[&str], give: &str) {
+    let file = match call {
+        "follow" => "nowhere/missing.csv",
+        "status --bus" => "sim:nowhere/missing",
+        _ => "nowhere/missing",
+    };
+    let arguments: Vec<&str> = call.split(' ').chain([file]).collect();
+    let output = omnibus(&[&arguments[..], rest].concat());
+    let message = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(1), "{call}: {message}");
+    let file = file.trim_start_matches("sim:");
+    assert!(message.contains(file), "{call}: {message}");
+    let remedy = message.split_once("; give ").map(|(_, remedy)| remedy);
+    assert!(
+        remedy.is_some_and(|one| one.contains(give)),
+        "{call}: {message}"
+    );
+}

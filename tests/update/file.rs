@@ -95,6 +95,22 @@ impl File {
         [&self.header(|_| ())[..], &self.a].concat()
     }
 
+    /// The header and the shortest image there is: every exception leads to code that sleeps.
+    pub fn download_that_sleeps(&self, slot: Slot) -> Vec<u8> {
+        const CODE: u32 = slots::SHORTEST_IMAGE - 4;
+        let entry = slot.address() + CODE + 1;
+        // WFI, and a branch back to it.
+        let (stack, code) = (0x2000_1000, 0xE7FD_BF30);
+        let vectors = (1..CODE / 4).map(|_| entry);
+        let words = std::iter::once(stack).chain(vectors).chain([code]);
+        let image: Vec<u8> = words.flat_map(u32::to_le_bytes).collect();
+        let header = self.header(|header| match slot {
+            Slot::A => header.a = link(&image),
+            Slot::B => header.b = link(&image),
+        });
+        [&header[..], &image].concat()
+    }
+
     /// What a programmer writes: it erases the sectors that it writes to, from the first byte to
     /// the end of the last one.
     pub fn by_cable(&self) -> Vec<(u32, Vec<u8>)> {

@@ -57,9 +57,7 @@ pub fn load(file: &std::path::Path, quiet: bool) -> anyhow::Result<Recording> {
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let mut recording = load(&arguments.file, super::quiet())?;
     if let Some(path) = &arguments.group {
-        let text = std::fs::read_to_string(path);
-        recording.header.group =
-            Some(text.with_context(|| format!("cannot read {}", path.display()))?);
+        recording.header.group = Some(super::input::text(path, "the path of a group file")?);
         recording.group()?;
     }
     match (arguments.to, &arguments.output) {

@@ -12,7 +12,7 @@ use omnibus::error::MasterError;
 use serde_json::json;
 
 use super::output::Found;
-use super::{Target, Usage, json, print_json, print_line, print_note};
+use super::{Target, Usage, input, json, print_json, print_line, print_note};
 
 const LOCK_EXAMPLES: &str = "Examples:
   omnibus lock --set-key lock.key --new --bus socketcan:can0     # a new key for all robots on the bus
@@ -163,7 +163,8 @@ fn read(path: &Path) -> anyhow::Result<Key> {
     } else {
         std::fs::read(path)
     };
-    let bytes = bytes.with_context(|| format!("cannot read the key {}", path.display()))?;
+    let give = "the file with the key; `omnibus lock --set-key FILE --new` makes one";
+    let bytes = input::named(bytes, path, give)?;
     lock::key(&bytes).map_err(|problem| Usage(format!("{}: {problem}", path.display())).into())
 }
 

@@ -39,6 +39,7 @@ pub mod convert;
 pub mod drive;
 pub mod follow;
 pub mod group;
+mod input;
 pub mod live;
 pub mod lock;
 pub mod lss;
@@ -159,10 +160,7 @@ impl Target {
     /// What is known about a recording of this bus, whose link has `now` on its clock.
     pub fn header(&self, activity: &str, now: Micros) -> anyhow::Result<Header> {
         let group = match self.group_path() {
-            Ok(path) => Some(
-                std::fs::read_to_string(path)
-                    .with_context(|| format!("cannot read {}", path.display()))?,
-            ),
+            Ok(path) => Some(input::text(path, "the path of a group file")?),
             Err(_) => None,
         };
         // A simulated bus begins at 0 every time, so that the same drive is the same file.

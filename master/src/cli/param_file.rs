@@ -14,6 +14,7 @@ use protocol::object::Access;
 use protocol::{Address, Kind, OBJECTS, Object, Value};
 use serde::Deserialize;
 
+use super::input;
 use super::param_text::{find, parse};
 
 #[derive(Deserialize)]
@@ -98,8 +99,7 @@ pub fn write(
 
 /// Reads and checks a file.
 pub fn read(path: &Path) -> anyhow::Result<Parameters> {
-    let text =
-        std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
+    let text = input::text(path, "a file that `omnibus param dump` wrote")?;
     parse_text(&text).with_context(|| path.display().to_string())
 }
 

@@ -11,7 +11,7 @@ use omnibus::serve::page_state::{PageState, operate};
 use omnibus::serve::server::{self, Access};
 use serde_json::json;
 
-use super::{Target, print_line};
+use super::{Target, input, print_line};
 
 /// A token of one's own must be at least this long.
 const SHORTEST_TOKEN: usize = 12;
@@ -47,8 +47,8 @@ pub struct Arguments {
 /// The token of the file, or a new one where only this machine reaches the page.
 fn token(arguments: &Arguments, address: SocketAddr) -> anyhow::Result<String> {
     if let Some(path) = &arguments.token_file {
-        let text = std::fs::read_to_string(path);
-        let text = text.with_context(|| format!("cannot read {}", path.display()))?;
+        let give = format!("--token-file a file with at least {SHORTEST_TOKEN} characters");
+        let text = input::text(path, &give)?;
         let token = text.trim();
         if token.len() < SHORTEST_TOKEN {
             bail!(

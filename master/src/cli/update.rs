@@ -1,9 +1,8 @@
 //! `omnibus update`: a new image for all robots of a group, over the bus.
 
 use std::io::IsTerminal as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use anyhow::Context as _;
 use boot::Slot;
 use indicatif::{ProgressBar, ProgressStyle};
 use omnibus::commission::survey::Survey;
@@ -12,7 +11,9 @@ use omnibus::error::MasterError;
 use serde_json::json;
 
 use super::output::Found;
-use super::{Target, Usage, abort_on_ctrl_c, json, output, print_json, print_line, print_note};
+use super::{
+    Target, Usage, abort_on_ctrl_c, input, json, output, print_json, print_line, print_note,
+};
 
 const EXAMPLES: &str = "Examples:
   omnibus update omnibus.image --bus socketcan:can0 --group groups/tcc-3.toml
@@ -50,7 +51,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     {
         return Err(Usage(format!("--node {node}: robots are nodes 2 to 17")).into());
     }
-    let image = arguments.file.as_ref().map(read).transpose()?;
+    let image = arguments.file.as_deref().map(read).transpose()?;
     let abort = abort_on_ctrl_c()?;
     let group = target.group_if_any()?;
     let mut wire = target.exclusive()?;
@@ -94,8 +95,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     finish(&robots, image.as_ref(), what)
 }
 
-fn read(path: &PathBuf) -> anyhow::Result<Image> {
-    let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
+fn read(path: &Path) -> anyhow::Result<Image> {
+    let give = "an image file, as `cargo xtask release --out FILE` makes it";
+    let bytes = input::bytes(path, give)?;
     let image = Image::read(bytes);
     image.map_err(|problem| anyhow::anyhow!("{}: {problem}", path.display()))
 }

@@ -16,7 +16,7 @@ use omnibus::vda5050::driver::Localised;
 use omnibus::vda5050::{VehicleError, operate, physics};
 
 use super::follow::place;
-use super::{Target, Usage, print_note};
+use super::{Target, Usage, input, print_note};
 
 const EXAMPLES: &str = "Examples:
   omnibus vda5050 --broker mqtt://127.0.0.1 --at 0,0 --bus sim:groups/tcc-3.toml
@@ -119,8 +119,7 @@ impl Arguments {
 
     fn access(&self) -> anyhow::Result<Access> {
         let read = |option: &str, path: &PathBuf| {
-            std::fs::read(path)
-                .with_context(|| format!("{option} {}: it cannot be read", path.display()))
+            input::bytes(path, &format!("{option} a file that this user may read"))
         };
         let user = match (&self.user, &self.password_file) {
             (Some(user), Some(path)) => {

@@ -15,7 +15,7 @@ use kinematics::{Pose, Twist};
 #[derive(Debug, thiserror::Error)]
 pub enum PathFileError {
     /// It cannot be read.
-    #[error("cannot read {path}: {problem}")]
+    #[error("{path}: cannot be read ({problem}); give a .csv file or the name of a curve")]
     Read {
         /// The file.
         path: String,

@@ -19,14 +19,18 @@ use super::{
     CAN, FrameRecord, Header, METADATA, PLAN, PoseRecord, RecordingError, TRUTH, candump, from_hex,
 };
 
+/// Instead of what is no recording.
+const GIVE_RECORDING: &str =
+    "give a file that `omnibus record` wrote, or a candump log named *.log";
+
 /// Reads a recording, or the candump log that a file is when its name ends in `.log`.
 ///
 /// # Errors
 /// When the file cannot be read or is no recording. A file that was cut off is no error.
 pub fn read(path: &Path) -> Result<Recording, RecordingError> {
     let refuse = |problem: &dyn std::fmt::Display| RecordingError::new(path, problem);
-    let file =
-        File::open(path).map_err(|error| refuse(&format_args!("cannot be read: {error}")))?;
+    let file = File::open(path)
+        .map_err(|error| refuse(&format_args!("cannot be read ({error}); {GIVE_RECORDING}")))?;
     if path.extension().is_some_and(|extension| extension == "log") {
         return candump::read(BufReader::new(file)).map_err(|error| refuse(&error));
     }
@@ -34,9 +38,9 @@ pub fn read(path: &Path) -> Result<Recording, RecordingError> {
     match read_mcap(BufReader::new(file), &mut recording) {
         Ok(()) => {}
         Err(ReadError::Mcap(McapError::BadMagic)) if recording.frames.is_empty() => {
-            return Err(refuse(
-                &"is not an MCAP file; give a file that `omnibus record` wrote, or a candump log named *.log",
-            ));
+            return Err(refuse(&format_args!(
+                "is not an MCAP file; {GIVE_RECORDING}"
+            )));
         }
         Err(ReadError::Mcap(error)) => {
             let seconds = recording.seconds();

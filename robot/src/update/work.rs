@@ -88,11 +88,14 @@ impl Update {
         Ok(Done::GoOn)
     }
 
-    /// The sector with what is known about the slot goes first, so that a slot that is partly
-    /// erased never looks whole.
+    /// The slot is [discarded](records::discard) first, so that one that is partly erased never
+    /// looks whole; the sector with what is known about it goes before the other.
     fn erase(&mut self, nth: u8, slot: Slot, flash: &mut impl Flash) -> Result<(), Problem> {
         let failed = |_| Problem::Flash;
         let mut sectors = slot.sectors().into_iter().rev();
+        if nth == 0 {
+            records::discard(flash, slot).map_err(failed)?;
+        }
         if let Some((sector, _)) = sectors.nth(usize::from(nth)) {
             flash.erase(sector).map_err(failed)?;
         }

@@ -120,7 +120,7 @@ impl Endpoints {
         if let Some(path) = &self.replay {
             let name = path.display().to_string();
             let text = std::fs::read_to_string(path)
-                .with_context(|| format!("--replay {name}: cannot be read"))?;
+                .with_context(|| format!("--replay {name}: cannot be read; give a candump log"))?;
             let replay = Replay::new(&name, &text)
                 .map_err(|problem| anyhow::anyhow!("--replay {name}: {problem}"))?;
             open.push(Box::new(replay));

@@ -1,0 +1,20 @@
+//! Files that a command is given. An error names the file and what to give instead.
+
+use std::io;
+use std::path::Path;
+
+/// Reads a file whole; `give` says which file the command wants.
+pub fn bytes(path: &Path, give: &str) -> anyhow::Result<Vec<u8>> {
+    named(std::fs::read(path), path, give)
+}
+
+/// The same for a file of text.
+pub fn text(path: &Path, give: &str) -> anyhow::Result<String> {
+    named(std::fs::read_to_string(path), path, give)
+}
+
+/// What was read from a file, or an error that names it.
+pub fn named<T>(read: io::Result<T>, path: &Path, give: &str) -> anyhow::Result<T> {
+    let path = path.display();
+    read.map_err(|error| anyhow::anyhow!("{path}: cannot be read ({error}); give {give}"))
+}
