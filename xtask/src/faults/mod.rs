@@ -235,6 +235,7 @@ impl Arguments {
         self.output_stage.unwrap_or(match self.board {
             Board::NucleoF446re => Stage::PwmDirection,
             Board::RobomasterC => Stage::C620,
+            Board::KitF103rc => Stage::InInFast,
         })
     }
 }

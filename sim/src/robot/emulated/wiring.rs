@@ -12,10 +12,13 @@ pub type Pin = (Port, u8);
 pub(super) struct Wiring {
     /// Clock from outside, Hz.
     pub(super) hse_hz: u64,
-    /// Direction, without which TIM8 makes a second PWM; its opposite where the board has it.
+    /// The channels that make PWM: where there is no direction both, else the first.
+    pub(super) channels: [[Channel; 2]; 4],
+    /// Direction, without which there is a second PWM; its opposite where the board has it.
     pub(super) directions: Option<[Pin; 4]>,
     pub(super) inverse: Option<[Pin; 4]>,
-    /// The encoders' wires A and B, and their indexes.
+    /// The encoders' timers, wires A and B, and indexes.
+    pub(super) encoder_timers: [usize; 4],
     pub(super) encoders: Option<[[Pin; 2]; 4]>,
     pub(super) index: Option<[Pin; 4]>,
     pub(super) driver_enable: Pin,
@@ -33,12 +36,46 @@ pub(super) struct Wiring {
     pub(super) switches: &'static [Pin],
 }
 
+/// A timer's output.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Channel {
+    pub(super) timer: usize,
+    /// From 1.
+    pub(super) number: usize,
+    pub(super) complementary: bool,
+}
+
+const fn channel(timer: usize, number: usize) -> Channel {
+    Channel {
+        timer,
+        number,
+        complementary: false,
+    }
+}
+
+const fn complementary(timer: usize, number: usize) -> Channel {
+    Channel {
+        complementary: true,
+        ..channel(timer, number)
+    }
+}
+
+/// Channels 1 to 4 of TIM1, and of TIM8 where it makes PWM.
+const IN_ORDER: [[Channel; 2]; 4] = [
+    [channel(1, 1), channel(8, 1)],
+    [channel(1, 2), channel(8, 2)],
+    [channel(1, 3), channel(8, 3)],
+    [channel(1, 4), channel(8, 4)],
+];
+
 use Port::{A, B, C, D, F, I};
 
 static NUCLEO_F446RE: Wiring = Wiring {
     hse_hz: 8_000_000,
+    channels: IN_ORDER,
     directions: Some([(C, 0), (C, 1), (C, 2), (C, 3)]),
     inverse: Some([(B, 2), (B, 4), (B, 5), (D, 2)]),
+    encoder_timers: [2, 3, 4, 5],
     encoders: Some([
         [(A, 15), (B, 3)],
         [(C, 6), (C, 7)],
@@ -60,8 +97,10 @@ static NUCLEO_F446RE: Wiring = Wiring {
 /// With the feature `two-pwms`.
 static NUCLEO_F446RE_TWO_PWMS: Wiring = Wiring {
     hse_hz: 8_000_000,
+    channels: IN_ORDER,
     directions: None,
     inverse: None,
+    encoder_timers: [2, 3, 4, 5],
     encoders: Some([
         [(A, 15), (B, 3)],
         [(B, 4), (B, 5)],
@@ -82,8 +121,10 @@ static NUCLEO_F446RE_TWO_PWMS: Wiring = Wiring {
 
 static ROBOMASTER_C: Wiring = Wiring {
     hse_hz: 12_000_000,
+    channels: IN_ORDER,
     directions: Some([(C, 6), (I, 6), (I, 7), (F, 1)]),
     inverse: None,
+    encoder_timers: [2, 3, 4, 5],
     encoders: None,
     index: None,
     driver_enable: (B, 14),
@@ -94,6 +135,35 @@ static ROBOMASTER_C: Wiring = Wiring {
     supply: (F, 10),
     currents: &[],
     gyro: Some((B, 0)),
+    switches: &[],
+};
+
+static KIT_F103RC: Wiring = Wiring {
+    hse_hz: 8_000_000,
+    channels: [
+        [channel(8, 1), channel(8, 2)],
+        [channel(1, 4), channel(1, 1)],
+        [channel(8, 3), channel(8, 4)],
+        [complementary(1, 2), complementary(1, 3)],
+    ],
+    directions: None,
+    inverse: None,
+    encoder_timers: [2, 4, 5, 3],
+    encoders: Some([
+        [(A, 15), (B, 3)],
+        [(B, 6), (B, 7)],
+        [(A, 0), (A, 1)],
+        [(B, 4), (B, 5)],
+    ]),
+    index: None,
+    driver_enable: (C, 10),
+    brake_release: (C, 11),
+    emergency_stop: &[(A, 6)],
+    driver_fault: (C, 5),
+    protective_stop: (C, 12),
+    supply: (C, 4),
+    currents: &[],
+    gyro: None,
     switches: &[],
 };
 
@@ -125,6 +195,7 @@ impl Wiring {
             }
             None | Some(1) => Ok(&NUCLEO_F446RE),
             Some(2) => Ok(&ROBOMASTER_C),
+            Some(5) => Ok(&KIT_F103RC),
             Some(other) => Err(format!(
                 "the image is for board {other}, which is not modelled"
             )),

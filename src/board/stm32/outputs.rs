@@ -42,9 +42,9 @@ use embassy_stm32::pac::gpio::regs::Bsrr;
 use embassy_stm32::pac::timer::TimAdv;
 use embassy_stm32::pac::timer::vals::{Bkp, Lock, Ocm, Ossi, Ossr};
 
-use super::drives;
 use super::pin::{Pin, Pull, Role, Speed};
 use crate::board::WIRING;
+use crate::board::family::drives;
 
 /// Frequency of the PWM until there is a configuration, the same as its default.
 const PWM_HZ: u32 = 20_000;
@@ -91,18 +91,17 @@ const _: () = assert!(
     "nothing cuts the second PWM in hardware"
 );
 
-/// Timers that make PWM.
-const PWM_TIMERS: &[TimAdv] = if TWO_PWMS {
-    &[pac::TIM1, pac::TIM8]
+/// Timers that make PWM, and what CCER enables of them.
+const PWM_TIMERS: &[(TimAdv, u32)] = if TWO_PWMS {
+    &[(pac::TIM1, enabled(true)), (pac::TIM8, enabled(false))]
 } else {
-    &[pac::TIM1]
+    &[(pac::TIM1, enabled(true))]
 };
 
 impl Outputs {
     /// Takes the outputs, which have been low since the first instructions; drivers disabled, brake
     /// engaged.
     pub fn new() -> Self {
-        // RM0390 6.3.14: TIM1 is bit 0, TIM8 bit 1.
         pac::RCC.apb2enr().modify(|w| {
             w.set_tim1en(true);
             w.set_tim8en(true);
@@ -113,22 +112,18 @@ impl Outputs {
         if let Some(stop) = WIRING.gate_stop {
             stop.become_a(Role::PeripheralInput(TIM8_AF, Pull::Up));
         }
-        for timer in PWM_TIMERS {
+        for (timer, channels) in PWM_TIMERS {
             for half in 0..2 {
                 timer.ccmr_output(half).write(|w| {
                     w.set_ocm(0, Ocm::PWM_MODE1);
                     w.set_ocm(1, Ocm::PWM_MODE1);
                 });
             }
-            timer.ccer().write(|w| {
-                for channel in 0..4 {
-                    w.set_cce(channel, true);
-                }
-            });
+            timer.ccer().write(|w| w.0 = *channels);
             // The modes of the channels stay as they are, so they are locked too.
             lock(*timer, Lock::LEVEL3);
         }
-        for timer in PWM_TIMERS {
+        for (timer, _) in PWM_TIMERS {
             timer.cr1().write(|w| w.set_cen(true));
         }
 
@@ -189,9 +184,10 @@ impl Outputs {
         let [a, b, c, d] = duty;
         if TWO_PWMS {
             let pairs = duty.map(|duty| pattern.pair(duty));
-            for (wheel, [first, second]) in pairs.into_iter().enumerate() {
-                pac::TIM1.ccr(wheel).write(|w| w.0 = first);
-                pac::TIM8.ccr(wheel).write(|w| w.0 = second);
+            for (channels, duties) in WIRING.channels.into_iter().zip(pairs) {
+                for (channel, high) in channels.into_iter().zip(duties) {
+                    channel.timer().ccr(channel.number).write(|w| w.0 = high);
+                }
             }
             self.enable(drivers_enabled, brake_released);
             return;
@@ -266,16 +262,30 @@ impl Outputs {
     }
 }
 
+/// What CCER enables of TIM1, and of TIM8: the main output of a channel, or the complementary one
+/// alone, which is the same signal then (RM0390 17.4.9, RM0008 14.4.9: output control bits).
+const fn enabled(is_of_tim1: bool) -> u32 {
+    let (mut bits, mut at) = (0, 0);
+    while at < 8 {
+        let channel = WIRING.channels[at / 2][at % 2];
+        if channel.is_of_tim1 == is_of_tim1 {
+            bits |= 1 << (4 * channel.number + if channel.complementary { 2 } else { 0 });
+        }
+        at += 1;
+    }
+    bits
+}
+
 /// Sets the period of the PWM; returns the pattern that fits it. Not inlined: it is called twice.
 #[inline(never)]
 fn configure(stage: OutputStage, hz: u32) -> Pattern {
     let period = period(hz);
-    for timer in PWM_TIMERS {
+    for (timer, _) in PWM_TIMERS {
         timer.arr().write(|w| w.set_arr(period.wrapping_sub(1)));
     }
     // A counter beyond the new end would run on to its largest value. One right after the other, so
     // that the counters stay together.
-    for timer in PWM_TIMERS {
+    for (timer, _) in PWM_TIMERS {
         timer.egr().write(|w| w.set_ug(true));
     }
     Pattern::new(stage, period)
