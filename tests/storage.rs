@@ -197,10 +197,7 @@ fn nothing_is_stored_while_operational_or_without_the_signature(firmware: &Firmw
 fn an_image_that_has_decayed_is_not_used(firmware: &Firmware) {
     let mut flash = with_first_set(firmware);
     let half_track = Set(1).values()[0].1.to_le_bytes();
-    let sectors = match flash.len() {
-        KIT_FLASH => 0x3_C000..KIT_FLASH,
-        _ => 0x4000..0xC000,
-    };
+    let sectors = sim::robot::emulated::parameters(firmware).unwrap();
     let place = flash[sectors.clone()]
         .windows(4)
         .position(|bytes| bytes == half_track)

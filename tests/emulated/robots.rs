@@ -46,7 +46,7 @@ impl Robots {
             match self.board {
                 group::Board::NucleoF446re => {}
                 group::Board::RobomasterC => super::common::fit_smart_drives(robot),
-                group::Board::KitF103rc => robot.output.kind = group::StageKind::InInFast,
+                group::Board::KitF103rc => robot.output.kind = group::StageKind::InInBrake,
             }
         }
         group

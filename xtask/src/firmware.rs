@@ -98,7 +98,7 @@ impl Wheels {
             (Board::NucleoF446re, Self::SmartDrives) => Some("drives-c620"),
             (Board::RobomasterC, _) => bail!("a robomaster-c drives by smart drives only"),
             (Board::KitF103rc, _) => {
-                bail!("a kit-f103rc drives by two PWMs a wheel only: kind in-in-fast")
+                bail!("a kit-f103rc drives by two PWMs a wheel only: in-in-brake or in-in-fast")
             }
         })
     }

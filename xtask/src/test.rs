@@ -52,7 +52,7 @@ pub fn run(board: Board, rest: &[String]) -> anyhow::Result<()> {
 }
 
 /// The tests of whole robots that have a part for the kit.
-const KIT_TESTS: [&str; 2] = ["emulated", "storage"];
+const KIT_TESTS: [&str; 3] = ["emulated", "storage", "without_fpu"];
 
 /// The tests of whole robots that have a part for Board C.
 const BOARD_C_TESTS: [&str; 6] = [

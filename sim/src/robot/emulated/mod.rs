@@ -27,8 +27,8 @@ use group::Driver;
 
 use self::commission::commissioned;
 pub(super) use self::wiring::is_for;
-pub use self::wiring::outputs;
 use self::wiring::{Channel, Pin, Wiring};
+pub use self::wiring::{outputs, parameters};
 use super::LogLine;
 use crate::bridge::{self, Levels};
 use crate::bus::errors::{ErrorCounters, ErrorState};

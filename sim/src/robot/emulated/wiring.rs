@@ -2,6 +2,8 @@
 //!
 //! Which board an image is for follows from the symbol `_board_id` of its memory layout.
 
+use std::ops::Range;
+
 use emulator::{Firmware, Port};
 
 /// A pin.
@@ -32,6 +34,8 @@ pub(super) struct Wiring {
     pub(super) currents: &'static [Pin],
     /// Chip select of the gyro on SPI1.
     pub(super) gyro: Option<Pin>,
+    /// The two sectors of the parameters, bytes from the start of the flash.
+    pub(super) parameters: Range<usize>,
     /// Switches of the node-ID, the lowest bit first.
     pub(super) switches: &'static [Pin],
 }
@@ -91,6 +95,7 @@ static NUCLEO_F446RE: Wiring = Wiring {
     supply: (A, 4),
     currents: &[(A, 7), (C, 4), (C, 5)],
     gyro: None,
+    parameters: 0x4000..0xC000,
     switches: &[(C, 8), (C, 9), (C, 10), (C, 11)],
 };
 
@@ -116,6 +121,7 @@ static NUCLEO_F446RE_TWO_PWMS: Wiring = Wiring {
     supply: (A, 4),
     currents: &[(A, 7), (C, 4), (C, 5)],
     gyro: None,
+    parameters: 0x4000..0xC000,
     switches: &[(C, 0), (C, 1), (C, 10), (C, 11)],
 };
 
@@ -135,6 +141,7 @@ static ROBOMASTER_C: Wiring = Wiring {
     supply: (F, 10),
     currents: &[],
     gyro: Some((B, 0)),
+    parameters: 0x4000..0xC000,
     switches: &[],
 };
 
@@ -164,6 +171,7 @@ static KIT_F103RC: Wiring = Wiring {
     supply: (C, 4),
     currents: &[],
     gyro: None,
+    parameters: 0x3_C000..0x4_0000,
     switches: &[],
 };
 
@@ -183,6 +191,14 @@ pub(in crate::robot) fn is_for(image: &Firmware, robot: &group::Robot) -> bool {
 pub fn outputs(firmware: &Firmware) -> Result<[Pin; 2], String> {
     let wiring = Wiring::of(firmware)?;
     Ok([wiring.driver_enable, wiring.brake_release])
+}
+
+/// Where the two sectors of the parameters are in the flash of the board that an image is for.
+///
+/// # Errors
+/// When the board is not modelled.
+pub fn parameters(firmware: &Firmware) -> Result<Range<usize>, String> {
+    Ok(Wiring::of(firmware)?.parameters.clone())
 }
 
 impl Wiring {
