@@ -30,8 +30,8 @@
 //!
 //! # Sources
 //!
-//! `docs/boards.md` has them, and how far they can be believed: no schematic was read. RM0008 rev 21
-//! (chip; remaps 9.3), DS5792 rev 13. Which motor is at which wheel is a choice made here.
+//! `docs/boards.md` has them, and how far they can be believed: no schematic was read. RM0008
+//! rev 21 (chip; remaps 9.3), DS5792 rev 13. Which motor is at which wheel is a choice made here.
 
 use super::stm32::pin::{pin, pins};
 use super::stm32::wiring::{Analog, Can, Channel, Clocks, Encoder, Wiring};

@@ -1,4 +1,4 @@
-//! The drivers that all boards share: STM32 microcontrollers with bxCAN and the timers TIM1 to TIM8.
+//! The drivers that all boards share: for STM32 chips with bxCAN and the timers TIM1 to TIM8.
 //! [`wiring`] defines what a board declares.
 //!
 //! No driver contains a pin or a clock; each reads them from the selected board's [`WIRING`]. What

@@ -94,8 +94,9 @@ const fn ports_of(pins: &[Pin]) -> u32 {
 static OUTPUTS_BY_REGISTER: [u32; 4 * PORTS + 1] = outputs_by_register(&SAFE_OUTPUTS);
 
 /// The first instructions after reset: PWM, driver enable, brake release and LED become outputs,
-/// which are low. Painting the stack and setting up the variables takes milliseconds on the internal
-/// oscillator, waiting for clock and supply longer. In assembly, because there are no variables yet.
+/// which are low. Painting the stack and setting up the variables takes milliseconds on the
+/// internal oscillator, waiting for clock and supply longer. In assembly, because there are no
+/// variables yet.
 #[unsafe(naked)]
 #[unsafe(export_name = "__pre_init")]
 extern "C" fn make_outputs_safe() {

@@ -31,9 +31,14 @@ static LAST: CriticalSectionMutex<Cell<u64>> = CriticalSectionMutex::new(Cell::n
 /// Who waits, and until when the first of them does.
 struct Alarms(CriticalSectionMutex<RefCell<(Queue, u64)>>);
 
-embassy_time_driver::time_driver_impl!(
-    static ALARMS: Alarms = Alarms(CriticalSectionMutex::new(RefCell::new((Queue::new(), u64::MAX))))
-);
+impl Alarms {
+    const fn new() -> Self {
+        let none = (Queue::new(), u64::MAX);
+        Self(CriticalSectionMutex::new(RefCell::new(none)))
+    }
+}
+
+embassy_time_driver::time_driver_impl!(static ALARMS: Alarms = Alarms::new());
 
 /// Starts counting.
 pub fn start() {

@@ -3,8 +3,8 @@
 //! [`kernels`] counts the functions of the tick one by one; [`running`] drives emulated robots that
 //! run the release image and counts, [`kit`] the same without a floating-point unit; [`image`]
 //! inspects the image; [`bus`] measures the virtual bus; [`latency`] the time from a call to the
-//! wheel; [`accuracy`] compares scalars; [`tracking`] drives curves; [`update`] times an update over
-//! the bus. All of it is emulated or exact arithmetic, so two runs give the same figures, and
+//! wheel; [`accuracy`] compares scalars; [`tracking`] drives curves; [`update`] times an update
+//! over the bus. All of it is emulated or exact arithmetic, so two runs give the same figures, and
 //! `--check` can hold them to their ceilings.
 //! What depends on the speed of this machine is measured on request and kept separate: [`host`],
 //! [`features`] of the tool, and a [`fleet`] of groups.
