@@ -15,7 +15,7 @@ use core::mem::MaybeUninit;
 use ::control::clock::TickSchedule;
 use ::control::configuration::Configuration;
 use ::control::interface::{Inputs, Report};
-use ::control::quantity::InputVoltage;
+use ::control::quantity::{Drive, InputVoltage};
 use ::control::tick::ControlSide;
 use ::control::time::Micros;
 use embassy_sync::blocking_mutex::Mutex;
@@ -154,12 +154,11 @@ impl Control {
                 self.side.tick(begin, command, &inputs)
             }
         });
-        let given = wanted.given();
         let duty = if DRIVES_ARE_WIRED {
-            parts.drives.send(given, wanted.drivers_enabled);
-            [0.0; 4]
+            parts.drives.send(wanted.given(), wanted.drivers_enabled);
+            [Drive::ZERO; 4]
         } else {
-            given
+            wanted.drive
         };
         parts
             .outputs

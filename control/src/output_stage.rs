@@ -18,6 +18,9 @@
 //! | IN/IN, fast decay | IN1 `u`, IN2 low | IN1 low, IN2 `-u` | both low |
 //! | IN/IN, brake between | IN1 high, IN2 `1 - u` | IN1 `1 + u`, IN2 high | both high |
 //!
+//! A duty is taken in whole steps of 2^-24, which is what a float near 1 has and what fixed point is
+//! in anyway, so the rest is the same integers for either.
+//!
 //! All are one formula: a base, from which so many clocks are counted up or down. [`Pattern`]
 //! holds base and way for either direction, worked out when the robot is configured, so a control
 //! tick takes the same instructions for every kind. Of two PWMs one is at what no duty gives.
@@ -34,7 +37,35 @@
 //! it. IN/IN bridges that coast when both inputs are low need a second PWM, and the kind that has
 //! both high in between ([`OutputStage::BrakeBetween`]).
 
+use crate::quantity::Drive;
 use crate::smart_drive::frames::Model;
+
+/// Fractional bits of a duty in steps.
+const STEP_BITS: u32 = 24;
+/// A duty of 1 in steps.
+const WHOLE: u32 = 1 << STEP_BITS;
+
+/// A duty in steps; none for what is not a number.
+#[cfg(feature = "fixed-point")]
+#[inline(always)]
+#[must_use]
+pub const fn steps(duty: Drive) -> i32 {
+    const { assert!(Drive::FRACTION == STEP_BITS) };
+    duty.to_bits()
+}
+
+/// A duty in steps; none for what is not a number.
+#[cfg(not(feature = "fixed-point"))]
+#[inline(always)]
+#[must_use]
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_precision_loss,
+    reason = "the ends for what lies beyond, zero for a NaN"
+)]
+pub fn steps(duty: Drive) -> i32 {
+    (duty.to_f32() * const { WHOLE as f32 }) as i32
+}
 
 /// How a wheel is driven, with the numbers of object 0x2027:6.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
@@ -109,10 +140,10 @@ struct Half {
 }
 
 /// The levels of one kind at one PWM frequency.
-#[derive(Clone, Copy, PartialEq, Debug)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Pattern {
     /// Clocks of a duty of 1.
-    slope: f32,
+    span: u16,
     /// Forward and still, backward.
     halves: [Half; 2],
     /// By how many bits a word for the direction outputs is turned: 16 swaps the halves of a set
@@ -139,26 +170,21 @@ impl Pattern {
             // The PWM stays low.
             OutputStage::C620 | OutputStage::C610 => (0, [up(0), up(0)], 0),
         };
-        Self {
-            slope: span.into(),
-            halves,
-            turn,
-        }
+        Self { span, halves, turn }
     }
 
-    /// Timer clocks for which the PWM is high; the whole period is always high.
+    /// Timer clocks for which the PWM is high at a duty in [`steps`]; the whole period is always
+    /// high.
     #[inline(always)]
     #[must_use]
     #[expect(
         clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "the value is between 0 and the period, which fits; NaN becomes 0"
+        reason = "the value is between 0 and the period, which fits"
     )]
-    pub fn high(&self, duty: f32) -> u32 {
-        let share = duty.abs();
-        // Not `min`: that is a library function, and it turns NaN into the full period.
-        let share = if share > 1.0 { 1.0 } else { share };
-        let clocks = (share * self.slope + 0.5) as u32;
+    pub fn high(&self, duty: i32) -> u32 {
+        let share = duty.unsigned_abs().min(WHOLE);
+        let steps = u64::from(share) * u64::from(self.span) + u64::from(WHOLE / 2);
+        let clocks = (steps >> STEP_BITS) as u32;
         let [ahead, back] = &self.halves;
         let half = if Self::back(duty) == 0 { ahead } else { back };
         (clocks ^ half.flip).wrapping_add(half.base)
@@ -167,7 +193,7 @@ impl Pattern {
     /// Timer clocks for which the first and the second PWM of a wheel are high, in a kind with two.
     #[inline(always)]
     #[must_use]
-    pub fn pair(&self, duty: f32) -> [u32; 2] {
+    pub fn pair(&self, duty: i32) -> [u32; 2] {
         let [ahead, _] = &self.halves;
         let (still, driven) = (ahead.flip.wrapping_add(ahead.base), self.high(duty));
         // Which input is driven low is the opposite of which is driven high.
@@ -180,11 +206,11 @@ impl Pattern {
     }
 
     /// By how many bits a word that sets a direction output is shifted, so that it resets it where
-    /// a duty is backward: 16, and 0 for forward, none, and what is not a number.
+    /// a duty is backward: 16, and 0 for forward and none.
     #[inline(always)]
     #[must_use]
-    pub fn back(duty: f32) -> u32 {
-        if duty < 0.0 { 16 } else { 0 }
+    pub const fn back(duty: i32) -> u32 {
+        if duty < 0 { 16 } else { 0 }
     }
 
     /// The word for a port's set and reset register, from the one that sets a direction output
@@ -207,6 +233,7 @@ mod tests {
     /// Share of the period and level of the direction output.
     fn levels(stage: OutputStage, duty: f32) -> (f32, bool) {
         let pattern = Pattern::new(stage, PERIOD);
+        let duty = steps(Drive::new(duty));
         let word = 1 << Pattern::back(duty);
         let high = pattern.direction(word) == 1;
         (pattern.high(duty) as f32 / f32::from(PERIOD), high)
@@ -273,7 +300,7 @@ mod tests {
             let pattern = Pattern::new(stage, PERIOD);
             for step in -120_i8..=120 {
                 let duty = f32::from(step) / 100.0;
-                let [first, second] = pattern.pair(duty);
+                let [first, second] = pattern.pair(steps(Drive::new(duty)));
                 let got = (first as f32 - second as f32) / f32::from(PERIOD);
                 let want = duty.clamp(-1.0, 1.0);
                 assert!((got - want).abs() <= CLOCK, "{stage:?} {duty}: {got}");
@@ -286,7 +313,8 @@ mod tests {
                 assert_eq!(stands, still, "{stage:?} {duty}");
             }
             for duty in [0.0, -0.0, f32::NAN, -f32::NAN] {
-                assert_eq!(pattern.pair(duty), [still; 2], "{stage:?} {duty}");
+                let pair = pattern.pair(steps(Drive::new(duty)));
+                assert_eq!(pair, [still; 2], "{stage:?} {duty}");
             }
         }
     }

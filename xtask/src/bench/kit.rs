@@ -10,7 +10,7 @@ use super::{image, running};
 use crate::firmware::{self, Board};
 
 /// What the image is held to until it keeps its budget, bytes: the value at the last review.
-const FLASH_CEILING: f64 = 132_500.0;
+const FLASH_CEILING: f64 = 132_400.0;
 
 /// A group with kits in place of its robots.
 pub fn with_kits(mut group: GroupFile) -> GroupFile {
