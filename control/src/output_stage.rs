@@ -18,8 +18,8 @@
 //! | IN/IN, fast decay | IN1 `u`, IN2 low | IN1 low, IN2 `-u` | both low |
 //! | IN/IN, brake between | IN1 high, IN2 `1 - u` | IN1 `1 + u`, IN2 high | both high |
 //!
-//! A duty is taken in whole steps of 2^-24, which is what a float near 1 has and what fixed point is
-//! in anyway, so the rest is the same integers for either.
+//! A duty is taken in whole steps of 2^-24, which is what a float near 1 has and what fixed point
+//! is in anyway, so the rest is the same integers for either.
 //!
 //! All are one formula: a base, from which so many clocks are counted up or down. [`Pattern`]
 //! holds base and way for either direction, worked out when the robot is configured, so a control
