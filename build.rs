@@ -13,10 +13,14 @@ use boot::slots::{self, Slot};
 
 // Said by the compiler: the HAL's own build script refuses two chips, too, and cargo runs it while
 // this one is compiled. With fewer than three jobs at once only the HAL's error is seen.
-#[cfg(all(feature = "board-nucleo-f446re", feature = "board-robomaster-c"))]
+#[cfg(any(
+    all(feature = "board-nucleo-f446re", feature = "board-robomaster-c"),
+    all(feature = "board-nucleo-f446re", feature = "board-kit-f103rc"),
+    all(feature = "board-robomaster-c", feature = "board-kit-f103rc"),
+))]
 compile_error!(
     "two boards are selected, and an image is for one: with --no-default-features --features, \
-     select board-nucleo-f446re or board-robomaster-c"
+     select board-nucleo-f446re, board-robomaster-c or board-kit-f103rc"
 );
 #[cfg(all(feature = "two-pwms", feature = "drives-c620"))]
 compile_error!(
@@ -39,9 +43,10 @@ compile_error!(
 );
 
 /// The boards: feature, and memory layout; the reference board first.
-const BOARDS: [(&str, &str); 2] = [
+const BOARDS: [(&str, &str); 3] = [
     ("board-nucleo-f446re", "memory/nucleo_f446re.x"),
     ("board-robomaster-c", "memory/robomaster_c.x"),
+    ("board-kit-f103rc", "memory/kit_f103rc.x"),
 ];
 
 /// Package and program of the boot code, and the profile it is built with.
@@ -50,6 +55,8 @@ const BOOT_PROFILE: &str = "boot";
 
 fn main() {
     println!("cargo::rerun-if-changed=build.rs");
+    // The chip's family, and whether the flash has two slots for programs.
+    println!("cargo::rustc-check-cfg=cfg(stm32f1, stm32f4, slots)");
     if env::var("CARGO_CFG_TARGET_OS").as_deref() != Ok("none") {
         return;
     }
@@ -70,9 +77,20 @@ fn main() {
     fs::copy(memory, out.join("board.x")).expect("the layout can be copied to OUT_DIR");
     println!("cargo::rustc-link-search={}", out.display());
 
+    let is_f1 = selected("board-kit-f103rc");
+    println!(
+        "cargo::rustc-cfg={}",
+        if is_f1 { "stm32f1" } else { "stm32f4" }
+    );
     let slot = if selected("slot-b") { Slot::B } else { Slot::A };
-    fs::write(out.join("slots.x"), regions(slot)).expect("OUT_DIR can be written");
-    if slot == Slot::A {
+    let regions = if is_f1 {
+        String::new()
+    } else {
+        println!("cargo::rustc-cfg=slots");
+        regions(slot)
+    };
+    fs::write(out.join("slots.x"), regions + &symbols()).expect("OUT_DIR can be written");
+    if !is_f1 && slot == Slot::A {
         boot_code(&out);
     }
 
@@ -89,8 +107,16 @@ fn selected(feature: &str) -> bool {
     env::var_os(format!("CARGO_FEATURE_{name}")).is_some()
 }
 
-/// The regions of flash that an image has a part in, where the boot code is put, and whether its
-/// wheels are turned by smart drives or by two PWMs each, for what reads an image.
+/// Whether the wheels are turned by smart drives or by two PWMs each, for what reads an image.
+fn symbols() -> String {
+    format!(
+        "_smart_drives = {};\n_two_pwms = {};\n",
+        u8::from(selected("drives-c620")),
+        u8::from(selected("two-pwms")),
+    )
+}
+
+/// The regions of flash that an image has a part in, and where the boot code is put.
 fn regions(slot: Slot) -> String {
     format!(
         "MEMORY
@@ -110,10 +136,6 @@ SECTIONS
         slots::MARK,
         slot.address(),
         slot.longest_image(),
-    ) + &format!(
-        "_smart_drives = {};\n_two_pwms = {};\n",
-        u8::from(selected("drives-c620")),
-        u8::from(selected("two-pwms")),
     )
 }
 

@@ -16,7 +16,9 @@ use crate::board::{BootCode, Can, ProgramFlash, patiently, reset};
 
 /// What the images of this board have to be made for.
 pub const DEVICE: Device = Device {
-    board: if cfg!(feature = "board-robomaster-c") {
+    board: if cfg!(feature = "board-kit-f103rc") {
+        ImageBoard::KIT_F103RC
+    } else if cfg!(feature = "board-robomaster-c") {
         ImageBoard::ROBOMASTER_C
     } else if cfg!(feature = "drives-c620") {
         ImageBoard::NUCLEO_F446RE_C620

@@ -17,7 +17,7 @@ use omnibus::session::Group;
 use omnibus::simulation::link::SimLink;
 use protocol::address::{self, history};
 use protocol::{Fault, Kind, Value, cob};
-use robots::{BOARD_C, REFERENCE, Robots};
+use robots::{BOARD_C, KIT, REFERENCE, Robots};
 use sim::bus::disturb::Share;
 use sim::bus::errors::ErrorState;
 use sim::robot::{Robot, emulated::EmulatedRobot};
@@ -68,6 +68,19 @@ mod board_c {
         wheels_follow_the_figure_eight_within_one_percent_of_their_peak
         the_led_tells_the_cause_from_what_follows
         the_supply_is_measured_whatever_the_chips_supply_is
+        a_spell_of_error_passive_during_an_nmt_start_is_announced
+        motors_are_identified_over_the_bus
+        robots_that_are_one_node_notice_it
+    }
+}
+
+/// A kit without floating-point unit: the same, but for the supply, which it measures against its
+/// own.
+mod kit {
+    tests! { KIT:
+        emulated_robots_do_not_notice_threads
+        wheels_follow_the_figure_eight_within_one_percent_of_their_peak
+        the_led_tells_the_cause_from_what_follows
         a_spell_of_error_passive_during_an_nmt_start_is_announced
         motors_are_identified_over_the_bus
         robots_that_are_one_node_notice_it

@@ -1,9 +1,10 @@
 //! Parameters over a power loss: the release image on an emulated board, spoken to by SDO as a
 //! master would.
 //!
-//! `OMNIBUS_ELF` names the image, and `OMNIBUS_ELF_BOARD_C` that of RoboMaster's Board C (`cargo
-//! xtask test` builds both and says so). A power cycle is a new board with the flash of the old
-//! one; the power can fail in the middle of any flash operation.
+//! `OMNIBUS_ELF` names the image, `OMNIBUS_ELF_BOARD_C` that of RoboMaster's Board C and
+//! `OMNIBUS_ELF_KIT` that of the kit (`cargo xtask test` builds all and says so). A power cycle is
+//! a new board with the flash of the old one; the power can fail in the middle of any flash
+//! operation.
 
 use emulator::{Board, BoardConfig, CanFrame, Firmware, FlashOperations, Stop, StopKind};
 use protocol::address::{self as at, history};
@@ -27,6 +28,8 @@ const SAVE: Address = Address::new(0x1010, 1);
 const RESTORE: Address = Address::new(0x1011, 1);
 /// CiA 301: "data cannot be transferred or stored because of the present device state".
 const DEVICE_STATE: u32 = 0x0800_0022;
+/// Bytes of the kit's flash.
+const KIT_FLASH: usize = 0x4_0000;
 
 fn firmware(variable: &str) -> Firmware {
     let path = std::env::var(variable).unwrap_or_else(|_| panic!("{variable} names an image"));
@@ -67,6 +70,22 @@ mod board_c {
         a_node_stored_by_lss_outlives_a_power_cycle
         a_store_full_of_small_images_is_no_different
         a_robot_with_the_store_of_the_version_before_has_its_parameters
+        three_hundred_random_saves_and_power_cuts
+        faults_outlive_a_power_cycle
+        a_power_cut_while_faults_are_written_costs_those_faults_only
+    }
+}
+
+/// The kit's, with pages that are programmed by half-words. It has no version before.
+mod kit {
+    tests! { "OMNIBUS_ELF_KIT",
+        saved_parameters_are_back_after_a_power_cycle
+        nothing_is_stored_while_operational_or_without_the_signature
+        an_image_that_has_decayed_is_not_used
+        a_power_cut_in_any_operation_of_a_save_leaves_the_old_or_the_new_set
+        a_power_cut_in_any_operation_of_a_save_that_erases_leaves_the_old_or_the_new_set
+        a_node_stored_by_lss_outlives_a_power_cycle
+        a_store_full_of_small_images_is_no_different
         three_hundred_random_saves_and_power_cuts
         faults_outlive_a_power_cycle
         a_power_cut_while_faults_are_written_costs_those_faults_only
@@ -178,11 +197,12 @@ fn nothing_is_stored_while_operational_or_without_the_signature(firmware: &Firmw
 fn an_image_that_has_decayed_is_not_used(firmware: &Firmware) {
     let mut flash = with_first_set(firmware);
     let half_track = Set(1).values()[0].1.to_le_bytes();
-    let place = flash[0x4000..0xC000]
+    let sectors = sim::robot::emulated::parameters(firmware).unwrap();
+    let place = flash[sectors.clone()]
         .windows(4)
         .position(|bytes| bytes == half_track)
         .expect("it is in the sectors of the parameters");
-    flash[0x4000 + place] ^= 0x01;
+    flash[sectors.start + place] ^= 0x01;
     let mut robot = Robot::power_on(firmware, &flash);
     assert_eq!(robot.found(), None, "nothing of it is used");
     let corrupt = u32::from(Fault::ParametersCorrupt.code());
@@ -241,8 +261,9 @@ fn find(firmware: &Firmware, flashes: &[Vec<u8>]) -> Vec<u16> {
         found.push(set.0);
         let announced = robot.read(history::code(1)) == u32::from(Fault::StoreInterrupted.code());
         assert_eq!(robot.read(at::CUT_SAVES), u32::from(announced));
-        // Cut in its very last operation, a save may be found complete.
-        let last = nth + 1 == flashes.len();
+        // Cut in the very last word, a save may be found complete; half-words are two operations.
+        let word = if flash.len() == KIT_FLASH { 2 } else { 1 };
+        let last = nth + word >= flashes.len();
         assert!(
             announced || last || set == Set(1),
             "cut {nth}: a new set without a word"

@@ -60,6 +60,9 @@ impl Board {
     /// NUCLEO-F446RE with two PWMs a wheel, whose encoder and switches are at other pins.
     pub const NUCLEO_F446RE_TWO_PWMS: Self = Self(4);
 
+    /// A kit's controller with an STM32F103RC, which takes no update over the bus.
+    pub const KIT_F103RC: Self = Self(5);
+
     /// The firmware's features that make its image.
     #[must_use]
     pub const fn name(self) -> &'static str {
@@ -68,6 +71,7 @@ impl Board {
             Self::ROBOMASTER_C => "board-robomaster-c",
             Self::NUCLEO_F446RE_C620 => "board-nucleo-f446re, drives-c620",
             Self::NUCLEO_F446RE_TWO_PWMS => "board-nucleo-f446re, two-pwms",
+            Self::KIT_F103RC => "board-kit-f103rc",
             Self(_) => "an unknown board",
         }
     }

@@ -18,6 +18,9 @@
 //! | IN/IN, fast decay | IN1 `u`, IN2 low | IN1 low, IN2 `-u` | both low |
 //! | IN/IN, brake between | IN1 high, IN2 `1 - u` | IN1 `1 + u`, IN2 high | both high |
 //!
+//! A duty is taken in whole steps of 2^-24, which is what a float near 1 has and what fixed point
+//! is in anyway, so the rest is the same integers for either.
+//!
 //! All are one formula: a base, from which so many clocks are counted up or down. [`Pattern`]
 //! holds base and way for either direction, worked out when the robot is configured, so a control
 //! tick takes the same instructions for every kind. Of two PWMs one is at what no duty gives.
@@ -34,8 +37,35 @@
 //! it. IN/IN bridges that coast when both inputs are low need a second PWM, and the kind that has
 //! both high in between ([`OutputStage::BrakeBetween`]).
 
-use crate::quantity::{Drive, Span};
+use crate::quantity::Drive;
 use crate::smart_drive::frames::Model;
+
+/// Fractional bits of a duty in steps.
+const STEP_BITS: u32 = 24;
+/// A duty of 1 in steps.
+const WHOLE: u32 = 1 << STEP_BITS;
+
+/// A duty in steps; none for what is not a number.
+#[cfg(feature = "fixed-point")]
+#[inline(always)]
+#[must_use]
+pub const fn steps(duty: Drive) -> i32 {
+    const { assert!(Drive::FRACTION == STEP_BITS) };
+    duty.to_bits()
+}
+
+/// A duty in steps; none for what is not a number.
+#[cfg(not(feature = "fixed-point"))]
+#[inline(always)]
+#[must_use]
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_precision_loss,
+    reason = "the ends for what lies beyond, zero for a NaN"
+)]
+pub fn steps(duty: Drive) -> i32 {
+    (duty.to_f32() * const { WHOLE as f32 }) as i32
+}
 
 /// How a wheel is driven, with the numbers of object 0x2027:6.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
@@ -110,10 +140,10 @@ struct Half {
 }
 
 /// The levels of one kind at one PWM frequency.
-#[derive(Clone, Copy, PartialEq, Debug)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Pattern {
     /// Clocks of a duty of 1.
-    span: Span,
+    span: u16,
     /// Forward and still, backward.
     halves: [Half; 2],
     /// By how many bits a word for the direction outputs is turned: 16 swaps the halves of a set
@@ -140,18 +170,21 @@ impl Pattern {
             // The PWM stays low.
             OutputStage::C620 | OutputStage::C610 => (0, [up(0), up(0)], 0),
         };
-        Self {
-            span: Span::new(span),
-            halves,
-            turn,
-        }
+        Self { span, halves, turn }
     }
 
-    /// Timer clocks for which the PWM is high; the whole period is always high.
+    /// Timer clocks for which the PWM is high at a duty in [`steps`]; the whole period is always
+    /// high.
     #[inline(always)]
     #[must_use]
-    pub fn high(&self, duty: Drive) -> u32 {
-        let clocks = self.span.of(duty);
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "the value is between 0 and the period, which fits"
+    )]
+    pub fn high(&self, duty: i32) -> u32 {
+        let share = duty.unsigned_abs().min(WHOLE);
+        let steps = u64::from(share) * u64::from(self.span) + u64::from(WHOLE / 2);
+        let clocks = (steps >> STEP_BITS) as u32;
         let [ahead, back] = &self.halves;
         let half = if Self::back(duty) == 0 { ahead } else { back };
         (clocks ^ half.flip).wrapping_add(half.base)
@@ -160,7 +193,7 @@ impl Pattern {
     /// Timer clocks for which the first and the second PWM of a wheel are high, in a kind with two.
     #[inline(always)]
     #[must_use]
-    pub fn pair(&self, duty: Drive) -> [u32; 2] {
+    pub fn pair(&self, duty: i32) -> [u32; 2] {
         let [ahead, _] = &self.halves;
         let (still, driven) = (ahead.flip.wrapping_add(ahead.base), self.high(duty));
         // Which input is driven low is the opposite of which is driven high.
@@ -173,11 +206,11 @@ impl Pattern {
     }
 
     /// By how many bits a word that sets a direction output is shifted, so that it resets it where
-    /// a duty is backward: 16, and 0 for forward, none, and what is not a number.
+    /// a duty is backward: 16, and 0 for forward and none.
     #[inline(always)]
     #[must_use]
-    pub fn back(duty: Drive) -> u32 {
-        if duty < Drive::ZERO { 16 } else { 0 }
+    pub const fn back(duty: i32) -> u32 {
+        if duty < 0 { 16 } else { 0 }
     }
 
     /// The word for a port's set and reset register, from the one that sets a direction output
@@ -200,12 +233,10 @@ mod tests {
     /// Share of the period and level of the direction output.
     fn levels(stage: OutputStage, duty: f32) -> (f32, bool) {
         let pattern = Pattern::new(stage, PERIOD);
-        let word = 1 << Pattern::back(Drive::new(duty));
+        let duty = steps(Drive::new(duty));
+        let word = 1 << Pattern::back(duty);
         let high = pattern.direction(word) == 1;
-        (
-            pattern.high(Drive::new(duty)) as f32 / f32::from(PERIOD),
-            high,
-        )
+        (pattern.high(duty) as f32 / f32::from(PERIOD), high)
     }
 
     /// What the bridge for which a kind is meant makes of them, over the supply.
@@ -248,6 +279,23 @@ mod tests {
     }
 
     #[test]
+    fn the_clocks_of_a_duty_are_the_nearest() {
+        for period in [2, 450, 4_500, 9_000, u16::MAX] {
+            let pattern = Pattern::new(OutputStage::PwmDirection, period);
+            let whole = f64::from(period);
+            for step in -12_000_i16..=12_000 {
+                let duty = Drive::new(f32::from(step) / 9_973.0);
+                let wanted = f64::from(duty.to_f32()).abs().min(1.0) * whole;
+                let off = (f64::from(pattern.high(steps(duty))) - wanted).abs();
+                assert!(off <= 0.5 + whole / f64::from(WHOLE), "{duty:?} {period}");
+            }
+            for duty in [Drive::MIN, Drive::MAX] {
+                assert_eq!(pattern.high(steps(duty)), u32::from(period));
+            }
+        }
+    }
+
+    #[test]
     fn no_duty_and_what_is_no_number_give_no_voltage() {
         for stage in KINDS {
             for duty in [0.0, -0.0, f32::NAN, -f32::NAN] {
@@ -269,7 +317,7 @@ mod tests {
             let pattern = Pattern::new(stage, PERIOD);
             for step in -120_i8..=120 {
                 let duty = f32::from(step) / 100.0;
-                let [first, second] = pattern.pair(Drive::new(duty));
+                let [first, second] = pattern.pair(steps(Drive::new(duty)));
                 let got = (first as f32 - second as f32) / f32::from(PERIOD);
                 let want = duty.clamp(-1.0, 1.0);
                 assert!((got - want).abs() <= CLOCK, "{stage:?} {duty}: {got}");
@@ -282,11 +330,8 @@ mod tests {
                 assert_eq!(stands, still, "{stage:?} {duty}");
             }
             for duty in [0.0, -0.0, f32::NAN, -f32::NAN] {
-                assert_eq!(
-                    pattern.pair(Drive::new(duty)),
-                    [still; 2],
-                    "{stage:?} {duty}"
-                );
+                let pair = pattern.pair(steps(Drive::new(duty)));
+                assert_eq!(pair, [still; 2], "{stage:?} {duty}");
             }
         }
     }

@@ -217,6 +217,8 @@ pub enum Board {
     NucleoF446re = 1,
     /// RoboMaster Development Board C.
     RobomasterC = 2,
+    /// A kit's controller with an STM32F103RC.
+    KitF103rc = 5,
 }
 
 /// What turns the wheels, and how a duty is put on the two inputs of a bridge, with the numbers of

@@ -1,44 +1,60 @@
 //! The board: the only place that knows the microcontroller, its pins and its registers.
 //!
 //! An image is for one board, which a cargo feature selects (`build.rs` refuses to build without
-//! one). A board is one file: a table of its pins and clocks. The drivers belong to its chip family
-//! (`stm32f4/`). The interface for the tasks is the same for every board and is this file: the
-//! names it re-exports, and [`Board`], which owns the peripherals. `docs/boards.md` says how to add
-//! a board.
+//! one). A board is one file: a table of its pins and clocks. Drivers are in `stm32/`; what they
+//! need of a family of chips, and what only one has, is in a folder for each (`stm32f1/`,
+//! `stm32f4/`), of which [`family`] is that of the board. The interface for the tasks is the same
+//! for every board and is this file: the names it re-exports, and [`Board`], which owns the
+//! peripherals. `docs/boards.md` says how to add a board.
 
-#[cfg(not(feature = "slot-b"))]
+#[cfg(all(slots, not(feature = "slot-b")))]
 mod boot_code;
 mod memory;
 pub mod post_mortem;
 pub mod stack;
+mod stm32;
+#[cfg(stm32f1)]
+mod stm32f1;
+#[cfg(stm32f4)]
 mod stm32f4;
 
+#[cfg(feature = "board-kit-f103rc")]
+mod kit_f103rc;
 #[cfg(feature = "board-nucleo-f446re")]
 mod nucleo_f446re;
 #[cfg(feature = "board-robomaster-c")]
 mod robomaster_c;
 
+#[cfg(feature = "board-kit-f103rc")]
+use kit_f103rc::WIRING;
 #[cfg(feature = "board-nucleo-f446re")]
 use nucleo_f446re::WIRING;
 #[cfg(feature = "board-robomaster-c")]
 use robomaster_c::WIRING;
 
-pub use stm32f4::can::{CABLE_PATIENCE, Can, Health, print_to_cable};
-pub use stm32f4::drives::{ARE_WIRED as DRIVES_ARE_WIRED, Drives};
-pub use stm32f4::encoders::Encoders;
-pub use stm32f4::executors;
-pub use stm32f4::flash::ParameterFlash;
-pub use stm32f4::gyro::Gyro;
-pub use stm32f4::index::Indexes;
-pub use stm32f4::iwdg::{Watchdog, patiently};
-pub use stm32f4::meters::{Meters, calibrate as calibrate_meters};
-pub use stm32f4::outputs::Outputs;
-pub use stm32f4::program_flash::{BootCode, ProgramFlash};
-pub use stm32f4::serial::{IS_WIRED as CABLE_IS_WIRED, Serial};
-pub use stm32f4::tick::{TickMutex, TickTimer};
-pub use stm32f4::{Board, Led, Lines, now, reset};
+#[cfg(stm32f1)]
+use stm32f1 as family;
+#[cfg(stm32f4)]
+use stm32f4 as family;
+
+pub use family::drives::{ARE_WIRED as DRIVES_ARE_WIRED, Drives};
+pub use family::flash::ParameterFlash;
+pub use family::gyro::Gyro;
+pub use family::meters::{Meters, calibrate as calibrate_meters};
 #[cfg(feature = "self-test")]
-pub use stm32f4::{pin, probe};
+pub use family::probe;
+pub use family::program_flash::{BootCode, ProgramFlash};
+pub use family::serial::{IS_WIRED as CABLE_IS_WIRED, Serial};
+pub use stm32::can::{CABLE_PATIENCE, Can, Health, print_to_cable};
+pub use stm32::encoders::Encoders;
+pub use stm32::executors;
+pub use stm32::index::Indexes;
+pub use stm32::iwdg::{Watchdog, patiently};
+pub use stm32::outputs::Outputs;
+#[cfg(feature = "self-test")]
+pub use stm32::pin;
+pub use stm32::tick::{TickMutex, TickTimer};
+pub use stm32::{Board, Led, Lines, now, reset};
 
 /// Why the chip was reset, with the numbers of the object "reset cause".
 #[derive(Clone, Copy, PartialEq, Eq, defmt::Format)]

@@ -50,8 +50,8 @@
 //!
 //! UM1724 rev 15 (board), RM0390 rev 6 (chip), DS10693 rev 10 (alternate functions).
 
-use super::stm32f4::pin::{pin, pins};
-use super::stm32f4::wiring::{Analog, Can, Clocks, Encoder, Serial, Wiring};
+use super::stm32::pin::{pin, pins};
+use super::stm32::wiring::{Analog, Can, Clocks, Encoder, IN_ORDER, Serial, Wiring};
 
 /// Pins and clocks of this board.
 #[cfg(not(any(feature = "drives-c620", feature = "two-pwms")))]
@@ -96,6 +96,8 @@ const BRIDGES: Wiring = Wiring {
         divide_by: 4,
         multiply_by: 180,
     },
+    remap: 0,
+    channels: IN_ORDER,
     pwm: pins(["PA8", "PA9", "PA10", "PA11"]),
     second_pwm: None,
     direction: Some(pins(["PC0", "PC1", "PC2", "PC3"])),

@@ -43,8 +43,8 @@
 //! functions). Its `18.ins_task` turns the sensor's axes about z alone, so z points up. The
 //! connectors of SPI2 and I2C2 have not been determined.
 
-use super::stm32f4::pin::{pin, pins};
-use super::stm32f4::wiring::{Analog, Can, Clocks, Gyro, Wiring};
+use super::stm32::pin::{pin, pins};
+use super::stm32::wiring::{Analog, Can, Clocks, Gyro, IN_ORDER, Wiring};
 
 /// Pins and clocks of this board.
 pub const WIRING: Wiring = Wiring {
@@ -55,6 +55,8 @@ pub const WIRING: Wiring = Wiring {
         divide_by: 6,
         multiply_by: 168,
     },
+    remap: 0,
+    channels: IN_ORDER,
     pwm: pins(["PE9", "PE11", "PE13", "PE14"]),
     second_pwm: None,
     direction: Some(pins(["PC6", "PI6", "PI7", "PF1"])),

@@ -115,7 +115,11 @@ fn pins_are_those_of_the_board() {
 
 #[test]
 fn the_table_of_a_board_is_that_of_its_code() {
-    for board in [BOARD, "src/board/robomaster_c.rs"] {
+    for board in [
+        BOARD,
+        "src/board/robomaster_c.rs",
+        "src/board/kit_f103rc.rs",
+    ] {
         let text = read(board);
         let table = pin_table(&text, 2);
         let code: Vec<String> = text
@@ -164,7 +168,7 @@ fn number(value: Option<&str>, name: &str) -> f64 {
 
 #[test]
 fn the_bit_timing_is_that_of_the_code() {
-    let (can, board) = (read("src/board/stm32f4/can/start.rs"), read(BOARD));
+    let (can, board) = (read("src/board/stm32/can/start.rs"), read(BOARD));
     // Half of the PLL's output is the core's clock, a quarter of that APB1's.
     let apb1_hz =
         field(&board, "hse_hz") / field(&board, "divide_by") * field(&board, "multiply_by") / 8.0;
@@ -193,7 +197,7 @@ fn interrupt_priorities_are_those_of_the_code() {
         ("CAN2 receive", &["CAN2_RX0"]),
         ("USART2", &["USART2", "DMA1_STREAM5", "DMA1_STREAM6"]),
     ];
-    let table: BTreeMap<String, String> = read("src/board/stm32f4/executors.rs")
+    let table: BTreeMap<String, String> = read("src/board/stm32/executors.rs")
         .lines()
         .filter_map(|line| line.strip_prefix("//! | "))
         .filter(|row| row.starts_with(|first: char| first.is_ascii_digit()))
@@ -222,6 +226,6 @@ fn interrupt_priorities_are_those_of_the_code() {
     }
     assert_eq!(
         table, code,
-        "the table of src/board/stm32f4/executors.rs against the code"
+        "the table of src/board/stm32/executors.rs against the code"
     );
 }

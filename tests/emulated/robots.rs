@@ -1,4 +1,4 @@
-//! The robots that a test runs with: reference boards or Board Cs.
+//! The robots that a test runs with: reference boards, Board Cs or kits.
 
 use emulator::Port;
 use sim::Backend;
@@ -7,20 +7,26 @@ use sim::Backend;
 pub struct Robots {
     /// The variable of the environment that names the image.
     variable: &'static str,
-    is_board_c: bool,
+    board: group::Board,
     pub led: (Port, u8),
 }
 
 pub const REFERENCE: Robots = Robots {
     variable: "OMNIBUS_ELF",
-    is_board_c: false,
+    board: group::Board::NucleoF446re,
     led: (Port::A, 5),
 };
 
 pub const BOARD_C: Robots = Robots {
     variable: "OMNIBUS_ELF_BOARD_C",
-    is_board_c: true,
+    board: group::Board::RobomasterC,
     led: (Port::H, 11),
+};
+
+pub const KIT: Robots = Robots {
+    variable: "OMNIBUS_ELF_KIT",
+    board: group::Board::KitF103rc,
+    led: (Port::C, 13),
 };
 
 impl Robots {
@@ -35,10 +41,12 @@ impl Robots {
     /// A group file of the workspace, with these robots in it.
     pub fn group(&self, name: &str) -> group::GroupFile {
         let mut group = super::common::group(name);
-        if self.is_board_c {
-            for robot in &mut group.robots {
-                robot.board = group::Board::RobomasterC;
-                super::common::fit_smart_drives(robot);
+        for robot in &mut group.robots {
+            robot.board = self.board;
+            match self.board {
+                group::Board::NucleoF446re => {}
+                group::Board::RobomasterC => super::common::fit_smart_drives(robot),
+                group::Board::KitF103rc => robot.output.kind = group::StageKind::InInBrake,
             }
         }
         group

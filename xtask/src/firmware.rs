@@ -30,17 +30,20 @@ pub enum Board {
     NucleoF446re,
     /// RoboMaster Development Board C.
     RobomasterC,
+    /// A kit's controller with an STM32F103RC.
+    KitF103rc,
 }
 
 impl Board {
     /// All, the reference board first.
-    const ALL: [Self; 2] = [Self::NucleoF446re, Self::RobomasterC];
+    const ALL: [Self; 3] = [Self::NucleoF446re, Self::RobomasterC, Self::KitF103rc];
 
     /// Its cargo feature.
     const fn feature(self) -> &'static str {
         match self {
             Self::NucleoF446re => "board-nucleo-f446re",
             Self::RobomasterC => "board-robomaster-c",
+            Self::KitF103rc => "board-kit-f103rc",
         }
     }
 
@@ -49,6 +52,15 @@ impl Board {
         match self {
             Self::NucleoF446re => "STM32F446RETx",
             Self::RobomasterC => "STM32F407IGHx",
+            Self::KitF103rc => "STM32F103RC",
+        }
+    }
+
+    /// The compiler's target of its processor.
+    const fn target(self) -> &'static str {
+        match self {
+            Self::NucleoF446re | Self::RobomasterC => cargo::TARGET,
+            Self::KitF103rc => "thumbv7m-none-eabi",
         }
     }
 }
@@ -58,6 +70,7 @@ impl From<group::Board> for Board {
         match board {
             group::Board::NucleoF446re => Self::NucleoF446re,
             group::Board::RobomasterC => Self::RobomasterC,
+            group::Board::KitF103rc => Self::KitF103rc,
         }
     }
 }
@@ -78,10 +91,15 @@ impl Wheels {
     /// Feature that a board needs beside its own.
     fn feature(self, board: Board) -> anyhow::Result<Option<&'static str>> {
         Ok(match (board, self) {
-            (Board::NucleoF446re, Self::Bridges) | (Board::RobomasterC, Self::SmartDrives) => None,
+            (Board::NucleoF446re, Self::Bridges)
+            | (Board::RobomasterC, Self::SmartDrives)
+            | (Board::KitF103rc, Self::TwoPwms) => None,
             (Board::NucleoF446re, Self::TwoPwms) => Some("two-pwms"),
             (Board::NucleoF446re, Self::SmartDrives) => Some("drives-c620"),
             (Board::RobomasterC, _) => bail!("a robomaster-c drives by smart drives only"),
+            (Board::KitF103rc, _) => {
+                bail!("a kit-f103rc drives by two PWMs a wheel only: in-in-brake or in-in-fast")
+            }
         })
     }
 }
@@ -101,8 +119,8 @@ impl From<group::StageKind> for Wheels {
 /// Builds the release image for the board and returns its path.
 pub fn build(scalar: Scalar) -> anyhow::Result<PathBuf> {
     match scalar {
-        Scalar::F32 => build_as(|_| ()),
-        Scalar::Fixed => build_variant(|command| {
+        Scalar::F32 => build_as(Board::NucleoF446re, |_| ()),
+        Scalar::Fixed => build_variant(Board::NucleoF446re, |command| {
             command.args(["--features", "fixed-point"]);
         }),
     }
@@ -110,22 +128,26 @@ pub fn build(scalar: Scalar) -> anyhow::Result<PathBuf> {
 
 /// Builds the bench image for use with a debugger, which never drives.
 pub fn build_bench() -> anyhow::Result<PathBuf> {
-    build_variant(|command| {
+    build_variant(Board::NucleoF446re, |command| {
         command.args(["--features", "bench"]);
     })
 }
 
 /// Builds the self-test image for bare boards, which is no robot.
 pub fn build_self_test() -> anyhow::Result<PathBuf> {
-    build_variant(|command| {
+    build_variant(Board::NucleoF446re, |command| {
         command.args(["--features", "self-test"]);
     })
 }
 
 /// Builds the image for the second slot, which has no boot code.
 pub fn build_slot_b(board: Board, wheels: Wheels) -> anyhow::Result<PathBuf> {
+    ensure!(
+        board != Board::KitF103rc,
+        "a kit-f103rc has no second slot: it takes no update over the bus"
+    );
     let wheels = wheels.feature(board)?;
-    build_variant(|command| {
+    build_variant(board, |command| {
         command.args(["--no-default-features", "--features", board.feature()]);
         let others = ["slot-b"].into_iter().chain(wheels);
         others.for_each(|feature| {
@@ -136,7 +158,7 @@ pub fn build_slot_b(board: Board, wheels: Wheels) -> anyhow::Result<PathBuf> {
 
 /// Builds an image whose control tick has a period other than a millisecond, for measurements.
 pub fn build_with_tick(period_us: u32) -> anyhow::Result<PathBuf> {
-    build_variant(|command| {
+    build_variant(Board::NucleoF446re, |command| {
         command.env("OMNIBUS_TICK_US", period_us.to_string());
     })
 }
@@ -145,7 +167,7 @@ pub fn build_with_tick(period_us: u32) -> anyhow::Result<PathBuf> {
 pub fn build_for(board: Board) -> anyhow::Result<PathBuf> {
     match board {
         Board::NucleoF446re => build(Scalar::F32),
-        other => build_variant(|command| {
+        other => build_variant(other, |command| {
             command.args(["--no-default-features", "--features", other.feature()]);
         }),
     }
@@ -156,6 +178,7 @@ impl From<Board> for group::Board {
         match board {
             Board::NucleoF446re => Self::NucleoF446re,
             Board::RobomasterC => Self::RobomasterC,
+            Board::KitF103rc => Self::KitF103rc,
         }
     }
 }
@@ -178,7 +201,7 @@ pub fn build_all_boards() -> anyhow::Result<()> {
     let none = ["--no-default-features", "--target", cargo::TARGET];
     refuse("0 boards are selected", &none)?;
     println!(
-        "images with boot code and a vector table: {}",
+        "images that start: {}",
         Board::ALL.map(Board::feature).join(", ")
     );
     Ok(())
@@ -210,7 +233,7 @@ fn refuse(error: &str, features: &[&str]) -> anyhow::Result<()> {
 /// Builds the release image for a board and what turns the wheels.
 pub fn build_with(board: Board, wheels: Wheels) -> anyhow::Result<PathBuf> {
     match wheels.feature(board)? {
-        Some(feature) => build_variant(|command| {
+        Some(feature) => build_variant(board, |command| {
             command.args(["--features", feature]);
         }),
         None => build_for(board),
@@ -246,8 +269,8 @@ pub fn build_for_group(group: &group::GroupFile, folder: &Path) -> anyhow::Resul
 
 /// An image other than the shipped one. It has a separate folder, so that it cannot be mistaken for
 /// the shipped one.
-fn build_variant(change: impl FnOnce(&mut Command)) -> anyhow::Result<PathBuf> {
-    build_as(|command| {
+fn build_variant(board: Board, change: impl FnOnce(&mut Command)) -> anyhow::Result<PathBuf> {
+    build_as(board, |command| {
         command
             .arg("--target-dir")
             .arg(cargo::target_folder().join("variants"));
@@ -255,12 +278,12 @@ fn build_variant(change: impl FnOnce(&mut Command)) -> anyhow::Result<PathBuf> {
     })
 }
 
-fn build_as(change: impl FnOnce(&mut Command)) -> anyhow::Result<PathBuf> {
-    cargo::ensure_target(cargo::TARGET)?;
+fn build_as(board: Board, change: impl FnOnce(&mut Command)) -> anyhow::Result<PathBuf> {
+    cargo::ensure_target(board.target())?;
     let mut command = cargo::command();
     command
         .args(["build", "--release", "--package", BINARY, "--bin", BINARY])
-        .args(["--target", cargo::TARGET])
+        .args(["--target", board.target()])
         .arg("--message-format=json-render-diagnostics")
         .env_remove("OMNIBUS_TICK_US");
     change(&mut command);
@@ -277,13 +300,13 @@ fn build_as(change: impl FnOnce(&mut Command)) -> anyhow::Result<PathBuf> {
         .filter(|message| message["target"]["name"] == BINARY)
         .find_map(|message| message["executable"].as_str().map(PathBuf::from))
         .context("cargo built the firmware but named no executable")?;
-    check(&elf)?;
+    check(board, &elf)?;
     Ok(elf)
 }
 
 /// Checks that the boot code is where the core starts, and the vector table of the image where the
-/// boot code starts it.
-fn check(elf: &Path) -> anyhow::Result<()> {
+/// boot code starts it; without boot code, where the core starts.
+fn check(board: Board, elf: &Path) -> anyhow::Result<()> {
     let bytes = std::fs::read(elf).with_context(|| format!("cannot read {}", elf.display()))?;
     let places = |slot: Slot| (".vector_table", u64::from(slot.address()));
     let for_cable = [
@@ -293,7 +316,13 @@ fn check(elf: &Path) -> anyhow::Result<()> {
     ];
     // The image for slot B comes over the bus, to a robot that has boot code.
     let has_boot_code = is_at(&bytes, ".boot", FLASH_ORIGIN);
-    let result = if is_at(&bytes, ".vector_table", Slot::B.address().into()).is_ok() {
+    let result = if board == Board::KitF103rc {
+        ensure!(
+            has_boot_code.is_err(),
+            "boot code where there is room for one program"
+        );
+        is_at(&bytes, ".vector_table", FLASH_ORIGIN)
+    } else if is_at(&bytes, ".vector_table", Slot::B.address().into()).is_ok() {
         ensure!(has_boot_code.is_err(), "boot code in an image for slot B");
         Ok(())
     } else {

@@ -48,6 +48,8 @@ impl Robots {
             (firmware::Board::NucleoF446re, Wheels::TwoPwms) => Board::NUCLEO_F446RE_TWO_PWMS,
             (firmware::Board::NucleoF446re, Wheels::SmartDrives) => Board::NUCLEO_F446RE_C620,
             (firmware::Board::RobomasterC, _) => Board::ROBOMASTER_C,
+            // Refused when its image for the second slot is to be built.
+            (firmware::Board::KitF103rc, _) => Board::KIT_F103RC,
         }
     }
 }

@@ -39,12 +39,23 @@ fn start_build() -> Option<Child> {
 pub fn run(board: Board, rest: &[String]) -> anyhow::Result<()> {
     match board {
         Board::NucleoF446re => run_all(rest),
-        Board::RobomasterC => run_system(rest),
+        Board::RobomasterC => {
+            let [elf, slot_b] = board_c()?;
+            let images = [
+                ("OMNIBUS_ELF_BOARD_C", elf),
+                ("OMNIBUS_ELF_BOARD_C_SLOT_B", slot_b),
+            ];
+            run_system(&BOARD_C_TESTS, "board_c::", images, rest)
+        }
+        Board::KitF103rc => run_system(&KIT_TESTS, "kit::", [("OMNIBUS_ELF_KIT", kit()?)], rest),
     }
 }
 
+/// The tests of whole robots that have a part for the kit.
+const KIT_TESTS: [&str; 3] = ["emulated", "storage", "without_fpu"];
+
 /// The tests of whole robots that have a part for Board C.
-const SYSTEM_TESTS: [&str; 6] = [
+const BOARD_C_TESTS: [&str; 6] = [
     "emulated",
     "smart_drives",
     "gyro",
@@ -53,17 +64,25 @@ const SYSTEM_TESTS: [&str; 6] = [
     "update_bus",
 ];
 
-/// Runs the parts of the system tests that are for Board C, with its image.
-fn run_system(rest: &[String]) -> anyhow::Result<()> {
-    let [elf, slot_b] = board_c()?;
+/// Runs the parts of the system tests that are for a board, with its images.
+fn run_system<const N: usize>(
+    tests: &[&str],
+    part: &str,
+    images: [(&str, PathBuf); N],
+    rest: &[String],
+) -> anyhow::Result<()> {
     let mut command = cargo::command();
     command.args(["test", "--no-fail-fast", "--features", "emulated"]);
-    for test in SYSTEM_TESTS {
+    for test in tests {
         command.args(["--test", test]);
     }
-    command.args(["--", "board_c::"]).args(rest);
-    command.env("OMNIBUS_ELF_BOARD_C", elf);
-    cargo::run(command.env("OMNIBUS_ELF_BOARD_C_SLOT_B", slot_b))
+    command.args(["--", part]).args(rest).envs(images);
+    cargo::run(&mut command)
+}
+
+/// The kit's image.
+fn kit() -> anyhow::Result<PathBuf> {
+    copy(&firmware::build_for(Board::KitF103rc)?, "kit")
 }
 
 /// Board C's images for slot A and slot B.
@@ -95,6 +114,7 @@ fn run_all(rest: &[String]) -> anyhow::Result<()> {
     let two_pwms = firmware::build_with(board, Wheels::TwoPwms)?;
     let two_pwms = copy(&two_pwms, "two-pwms")?;
     let [board_c, board_c_slot_b] = board_c()?;
+    let kit = kit()?;
     let fixed = firmware::build(Scalar::Fixed)?;
     if let Some(mut build) = tests {
         build.wait().context("the build of the tests")?;
@@ -110,6 +130,7 @@ fn run_all(rest: &[String]) -> anyhow::Result<()> {
         .env("OMNIBUS_ELF_DRIVES", drives)
         .env("OMNIBUS_ELF_TWO_PWMS", two_pwms)
         .env("OMNIBUS_ELF_BOARD_C", board_c)
+        .env("OMNIBUS_ELF_KIT", kit)
         .env("OMNIBUS_ELF_BOARD_C_SLOT_B", board_c_slot_b)
         .env("OMNIBUS_ELF_SELF_TEST", self_test)
         .env("OMNIBUS_ELF_SLOT_B", slot_b);

@@ -9,7 +9,7 @@ use crate::promise::{self, ACCEPTANCE, SAFETY};
 
 /// What the self-test image waits before it fails, us.
 const BEFORE_FAILURE_US: f64 = 2_000.0;
-/// LSI cycles from the last feeding to the reset: 400 counts of 4 (`src/board/stm32f4/iwdg.rs`).
+/// LSI cycles from the last feeding to the reset: 400 counts of 4 (`src/board/stm32/iwdg.rs`).
 const WATCHDOG_CYCLES: f64 = 1_600.0;
 /// The reset cause of the watchdog, object 0x2001:3.
 const BY_WATCHDOG: u32 = 3;

@@ -9,7 +9,7 @@ use core::ops::{Add, AddAssign, Neg, Sub, SubAssign};
 use fixed::types::I16F16;
 
 use super::root::reciprocal;
-use super::{Angle, AngleGain, Drive, Duration, PerSecond, Ratio, Time, Voltage};
+use super::{Angle, AngleGain, Duration, PerSecond, Ratio, Time, Voltage};
 
 /// A number with that many fractional bits.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug, Default)]
@@ -359,29 +359,6 @@ impl Part {
     pub const fn at(self, micros: u32) -> Ratio {
         let product = micros as u64 * self.mantissa as u64;
         Quantity((product >> (self.shift - Ratio::FRACTION)) as i32)
-    }
-}
-
-/// So many clocks of a timer, to take a share of.
-#[derive(Clone, Copy, PartialEq, Debug)]
-pub struct Span(u32);
-
-impl Span {
-    /// So many.
-    #[must_use]
-    pub const fn new(clocks: u16) -> Self {
-        Self(clocks as u32)
-    }
-
-    /// The clocks of a duty without its sign, to the nearest; of 1 and more all of them.
-    #[inline(always)]
-    #[must_use]
-    #[expect(clippy::cast_possible_truncation, reason = "at most the span")]
-    pub const fn of(self, duty: Drive) -> u32 {
-        const ONE: u32 = 1 << Drive::FRACTION;
-        let share = duty.0.unsigned_abs();
-        let share = if share > ONE { ONE } else { share };
-        ((share as u64 * self.0 as u64 + (ONE / 2) as u64) >> Drive::FRACTION) as u32
     }
 }
 

@@ -3,7 +3,7 @@
 use core::cmp::Ordering;
 use core::ops::{Add, AddAssign, Neg, Sub, SubAssign};
 
-use super::{Angle, AngleGain, Drive, Duration, PerSecond, Ratio, Time, Voltage};
+use super::{Angle, AngleGain, Duration, PerSecond, Ratio, Time, Voltage};
 
 /// A number whose fractional bits single precision has no need of.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
@@ -230,34 +230,6 @@ impl Part {
     #[inline(always)]
     pub const fn at(self, micros: u32) -> Ratio {
         Quantity(micros as f32 * self.0)
-    }
-}
-
-/// So many clocks of a timer, to take a share of.
-#[derive(Clone, Copy, PartialEq, Debug)]
-pub struct Span(f32);
-
-impl Span {
-    /// So many.
-    #[must_use]
-    pub const fn new(clocks: u16) -> Self {
-        Self(clocks as f32)
-    }
-
-    /// The clocks of a duty without its sign, to the nearest; of 1 and more all of them, and of a
-    /// NaN none.
-    #[inline(always)]
-    #[must_use]
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "between 0 and the span, and NaN becomes 0"
-    )]
-    pub fn of(self, duty: Drive) -> u32 {
-        let share = duty.0.abs();
-        // Not `min`: that is a library function, and it turns NaN into all clocks.
-        let share = if share > 1.0 { 1.0 } else { share };
-        (share * self.0 + 0.5) as u32
     }
 }
 

@@ -132,33 +132,6 @@ fn an_end_of_the_range_is_noticed() {
     }
 }
 
-/// The clocks of a duty, against `f64`: a half, what the duty is off by, and what a float is off by
-/// when it adds the half.
-#[test]
-fn clocks_of_a_duty_are_the_nearest() {
-    let mut spread = Spread(11);
-    for period in [2, 450, 4_500, 9_000, u16::MAX] {
-        let span = Span::new(period);
-        let whole = f64::from(period);
-        for _ in 0..2_000 {
-            let duty = Drive::new(1.2 * spread.next());
-            let wanted = exact(duty).abs().min(1.0) * whole;
-            let off = (f64::from(span.of(duty)) - wanted).abs();
-            assert!(
-                off <= 0.5 + whole * f64::from(f32::EPSILON),
-                "{duty:?} {period}"
-            );
-        }
-        let (all, none) = (u32::from(period), 0);
-        for (duty, clocks) in [(1.0, all), (-1.0, all), (130.0, all), (0.0, none)] {
-            assert_eq!(span.of(Drive::new(duty)), clocks, "{duty} {period}");
-        }
-        assert_eq!(span.of(Drive::MAX), all);
-        assert_eq!(span.of(Drive::MIN), all);
-        assert_eq!(span.of(Drive::new(f32::NAN)), none);
-    }
-}
-
 #[test]
 fn conversions_are_off_by_half_a_step() {
     let mut spread = Spread(3);

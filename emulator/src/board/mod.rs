@@ -2,11 +2,10 @@
 //!
 //! The loop steps the core until the next event that a peripheral has announced, processes the
 //! event, and continues. While the core sleeps it advances the clock in one step instead. An
-//! instruction that changes the peripherals (an earlier event, another clock, a reason to stop)
-//! raises a flag that ends the inner loop, so every change is noticed after one instruction.
+//! instruction that changes peripherals (an earlier event, another clock) raises a flag that ends
+//! the inner loop.
 //!
-//! Between two runs the world may set pins, turn encoders and deliver frames; these take effect at
-//! the time at which the last run ended, before the next instruction.
+//! Between two runs the world may set pins, turn encoders and deliver frames, as of the last's end.
 
 mod debug;
 mod follow;
@@ -323,8 +322,7 @@ impl Board {
         self.shared.look(|soc| soc.flash.options())
     }
 
-    /// Connects a pin that the converters can measure to a voltage. Until this is called it is at 0
-    /// V.
+    /// Connects a pin that the converters can measure to a voltage, from 0 V.
     pub fn set_analog(&mut self, port: Port, pin: u8, volts: f64) {
         self.shared.look(|soc| soc.set_analog(port, pin, volts));
     }
@@ -341,6 +339,13 @@ impl Board {
         self.shared.look(|soc| soc.pwm(timer, channel))
     }
 
+    /// The same of a complementary output, 1..=3, that is on without its main one.
+    #[must_use]
+    pub fn complementary_pwm(&self, timer: usize, channel: usize) -> PwmState {
+        self.shared
+            .look(|soc| soc.complementary_pwm(timer, channel))
+    }
+
     /// Puts a gyro on SPI1, selected by a pin; it has just been switched on.
     pub fn connect_gyro(&mut self, select: (Port, u8)) {
         self.shared.look(|soc| soc.connect_gyro(select));
@@ -353,9 +358,8 @@ impl Board {
 
     /// Turns the encoder that is wired to channels 1 and 2 of a timer by a number of quadrature
     /// edges, positive when channel 1 leads. Counted only in encoder mode and with the pins
-    /// switched to the timer; later by the delay of the inputs' filters, for which every edge is
-    /// assumed to last. Use [`Board::set_input`] on the two pins for single edges with their
-    /// bounce.
+    /// switched to the timer, later by the delay of the inputs' filters, for which every edge is
+    /// assumed to last. For edges with their bounce there is [`Board::set_input`].
     pub fn encoder_add(&mut self, timer: usize, edges: i32) {
         self.shared.with(|soc| soc.encoder_add(timer, edges));
     }

@@ -127,6 +127,22 @@ impl Soc {
         let state = self.timers[timer].pwm(channel - 1, self.clock.hz());
         let mut routes = self.chip.pins.timer_channel(timer, channel);
         let connected = routes.any(|route| self.connected(route));
+        self.at_pin(state, timer, connected)
+    }
+
+    /// The same of a complementary output that is on without its main one.
+    pub(crate) fn complementary_pwm(&mut self, timer: usize, channel: usize) -> PwmState {
+        if !(1..=14).contains(&timer) || !(1..=3).contains(&channel) {
+            return PwmState::default();
+        }
+        self.timers[timer].sync(self.now);
+        let state = self.timers[timer].complementary_pwm(channel - 1, self.clock.hz());
+        let mut routes = self.chip.pins.complementary(timer, channel);
+        let connected = routes.any(|route| self.connected(route));
+        self.at_pin(state, timer, connected)
+    }
+
+    fn at_pin(&self, state: PwmState, timer: usize, connected: bool) -> PwmState {
         if connected && self.timer_clocked(timer) {
             state
         } else {

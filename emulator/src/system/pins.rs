@@ -293,6 +293,17 @@ impl Pins {
             .map(|row| &row.2)
     }
 
+    /// Pins that can carry the complementary output of channel 1..=3 of a timer.
+    pub(crate) fn complementary(
+        &self,
+        timer: usize,
+        channel: usize,
+    ) -> impl Iterator<Item = &'static Route> {
+        let rows = self.complementary.into_iter().flatten();
+        rows.filter(move |row| (row.0, row.1) == (timer, channel))
+            .map(|row| &row.2)
+    }
+
     /// Complementary outputs (timer, channel from 1) that a pin can carry.
     pub(crate) fn complementary_at(
         &self,

@@ -31,8 +31,23 @@ impl Timer {
         if channel >= self.kind.channels {
             return PwmState::default();
         }
-        let enabled = self.ccer >> (4 * channel) & 1 != 0;
-        let inverted = self.ccer >> (4 * channel + 1) & 1 != 0;
+        self.pwm_of(channel, 0, hz)
+    }
+
+    /// The same of a complementary output without its main one, as in
+    /// [`Timer::complementary_level`].
+    #[must_use]
+    pub fn complementary_pwm(&self, channel: usize, hz: u64) -> PwmState {
+        if !self.kind.advanced || channel > 2 || self.ccer >> (4 * channel) & 1 != 0 {
+            return PwmState::default();
+        }
+        self.pwm_of(channel, 1, hz)
+    }
+
+    /// State of a channel's main output (0) or its complementary one (1).
+    fn pwm_of(&self, channel: usize, output: usize, hz: u64) -> PwmState {
+        let bits = self.ccer >> (4 * channel + 2 * output);
+        let (enabled, inverted) = (bits & 1 != 0, bits & 2 != 0);
         let running = self.enabled() && self.arr.active != 0;
         let period_ns = if running {
             (u128::from(self.period() * self.tick()) * 1_000_000_000 / u128::from(hz)) as u64
@@ -41,8 +56,8 @@ impl Timer {
         };
         if !self.outputs_enabled() {
             // Table of output control bits (17.4.9): with OSSI the pin is driven to its idle level.
-            let idle =
-                self.cr2 >> (8 + 2 * channel) & 1 != 0 && self.bdtr & bdtr::OSSI != 0 && enabled;
+            let is_high = self.cr2 >> (8 + 2 * channel + output) & 1 != 0;
+            let idle = is_high && self.bdtr & bdtr::OSSI != 0 && enabled;
             return PwmState {
                 duty: if idle { 1.0 } else { 0.0 },
                 period_ns,

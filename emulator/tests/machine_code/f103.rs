@@ -258,6 +258,86 @@ fn encoders_count_16_bits_on_pins_that_are_inputs() {
     assert_eq!(counts(0), [0xFFFD, 5], "TIM2 is on PA0 and PA1, too");
 }
 
+/// A kit with four bridges of two inputs each uses every channel of TIM1 and TIM8, two of them as
+/// complementary outputs without their main ones, beside four encoders and CAN: one value of MAPR
+/// for all of them. `docs/boards.md` has the sources of these pins.
+fn kit_board() -> Board {
+    let mut code = Code::default();
+    clocks(&mut code);
+    // TIM1 partial, TIM2 partial 1, TIM3 partial, CAN on PB8 and PB9, SWD without JTAG.
+    code.store(MAPR, 1 << 6 | 1 << 8 | 2 << 10 | 2 << 13 | 2 << 24);
+    code.store(GPIOA + CRH, 0x4444_B44B); // PA8, PA11
+    code.store(GPIOB + CRL, 0x4444_44BB); // PB0, PB1
+    code.store(GPIOC + CRL, 0xBB44_4444); // PC6, PC7
+    code.store(GPIOC + CRH, 0x4444_44BB); // PC8, PC9
+    for (timer, enable, first) in [(TIM1, 0x1441, 1), (TIM8, 0x1111, 5)] {
+        for (offset, value) in [(0x2C, 799), (0x18, 0x6060), (0x1C, 0x6060), (0x20, enable)] {
+            code.store(timer + offset, value);
+        }
+        for channel in 0..4 {
+            code.store(timer + 0x34 + 4 * channel, 80 * (first + channel));
+        }
+        code.store(timer + 0x44, 0x8000); // MOE
+        code.store(timer, 1);
+    }
+    for timer in ENCODERS {
+        for (offset, value) in [(0x18, 0x101), (0x08, 3), (0x00, 1)] {
+            code.store(timer + offset, value);
+        }
+    }
+    let again = code.here();
+    for (timer, to) in ENCODERS.into_iter().zip((RAM..).step_by(4)) {
+        code.read(timer + 0x24);
+        code.load(0, to);
+        code.0.push(0x6001);
+    }
+    code.branch(again);
+    let mut board = board(&code, 0);
+    board.run_until(1_000_000).unwrap();
+    board
+}
+
+/// TIM2 to TIM5.
+const ENCODERS: [u32; 4] = [0x4000_0000, 0x4000_0400, 0x4000_0800, 0x4000_0C00];
+
+#[test]
+fn a_kit_has_eight_pwm_pins_beside_four_encoders() {
+    let mut board = kit_board();
+    // Channels 1, 2N, 3N and 4 of TIM1, then 1 to 4 of TIM8: 10 % to 80 % high.
+    let pins = [
+        (Port::A, 8),
+        (Port::B, 0),
+        (Port::B, 1),
+        (Port::A, 11),
+        (Port::C, 6),
+        (Port::C, 7),
+        (Port::C, 8),
+        (Port::C, 9),
+    ];
+    let mut high = [0; 8];
+    for sample in 0..100 {
+        // A period takes 100 us.
+        board.run_until(2_000_500 + 1_000 * sample).unwrap();
+        for (count, (port, pin)) in high.iter_mut().zip(pins) {
+            *count += i32::from(board.output(port, pin) == PinLevel::High);
+        }
+    }
+    for (channel, count) in (1..).zip(high) {
+        assert!((count - 10 * channel).abs() <= 1, "{high:?}");
+    }
+    for channel in [2, 3] {
+        let state = board.complementary_pwm(1, channel);
+        assert!(state.active && (state.duty - 0.1 * channel as f32).abs() < 1e-3);
+        assert!(!board.pwm(1, channel).active, "its main output is off");
+    }
+    for (timer, edges) in [(2, 7), (3, -5), (4, 3), (5, -2)] {
+        board.encoder_add(timer, edges);
+    }
+    board.run_until(3_000_000).unwrap();
+    let counts = [RAM, RAM + 4, RAM + 8, RAM + 12].map(|at| board.read_word(at).unwrap());
+    assert_eq!(counts, [7, 0xFFFB, 3, 0xFFFE]);
+}
+
 /// The STM32F1 has no register that takes clocks away from a sleeping chip.
 #[test]
 fn a_timer_wakes_a_sleeping_core() {

@@ -48,7 +48,7 @@ pub(super) const ROBOT: &[Field] = &[
     .object(at::WHEEL_RATE_MAX, 1.0),
     field(
         "board",
-        Kind::Choice(&["nucleo-f446re", "robomaster-c"]),
+        Kind::Choice(&["nucleo-f446re", "robomaster-c", "kit-f103rc"]),
         "Its board, which says what image it runs; a simulated world picks it.",
     )
     .otherwise("nucleo-f446re"),

@@ -39,18 +39,18 @@ use embassy_stm32::{interrupt, pac};
 use embassy_sync::blocking_mutex::CriticalSectionMutex;
 use protocol::Fault;
 
-use super::can::bit_timing;
-use super::pin::{Pull, Role, Speed};
 use crate::board::WIRING;
+use crate::board::stm32::can::bit_timing;
+use crate::board::stm32::pin::{Pull, Role, Speed};
 
 /// Whether smart drives turn the wheels.
 pub const ARE_WIRED: bool = WIRING.drives.is_some();
 
 /// The first filter bank of CAN2: CAN2SB of FMR after reset (RM0390 30.9.4).
-pub const FIRST_BANK: usize = 14;
+const FIRST_BANK: usize = 14;
 
 /// Filter, 32 bits, mask: identifiers from 0x200 to 0x20F, among them the reports of all drives.
-pub const FILTER: [u32; 2] = [((FIRST_FEEDBACK & 0x7F0) as u32) << 21, 0x7F0 << 21 | 0b110];
+const FILTER: [u32; 2] = [((FIRST_FEEDBACK & 0x7F0) as u32) << 21, 0x7F0 << 21 | 0b110];
 
 const CONTROLLER: Controller = pac::CAN2;
 
@@ -141,6 +141,18 @@ impl Drives {
         if let Some(mailbox) = (0..LAST_MAILBOX).find(|mailbox| status.tme(*mailbox)) {
             request(mailbox, command(self.model, by_identifier));
         }
+    }
+}
+
+/// Sets their filter, which is one of CAN1's; to be called while that initialises its own.
+pub fn set_filter() {
+    if ARE_WIRED {
+        let (can, [identifier, mask]) = (pac::CAN1, FILTER);
+        can.fs1r().modify(|w| w.set_fsc(FIRST_BANK, true));
+        let bank = can.fb(FIRST_BANK);
+        bank.fr1().write_value(regs::Fr1(identifier));
+        bank.fr2().write_value(regs::Fr2(mask));
+        can.fa1r().modify(|w| w.set_fact(FIRST_BANK, true));
     }
 }
 

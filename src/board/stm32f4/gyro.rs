@@ -23,8 +23,8 @@ use embassy_stm32::pac;
 use embassy_stm32::pac::spi::Spi;
 use embassy_stm32::pac::spi::vals::{Br, Dff, Mstr};
 
-use super::pin::{Pull, Role, Speed};
 use crate::board::WIRING;
+use crate::board::stm32::pin::{Pull, Role, Speed};
 
 const PORT: Spi = pac::SPI1;
 

@@ -21,8 +21,8 @@ use embassy_stm32::pac;
 use embassy_stm32::pac::adc::Adc;
 use embassy_stm32::pac::adccommon::vals::Adcpre;
 
-use super::pin::Role;
 use crate::board::WIRING;
+use crate::board::stm32::pin::Role;
 
 /// The converter's reference, V, at which ST measures VREFINT, and its steps.
 const REFERENCE: f32 = 3.3;

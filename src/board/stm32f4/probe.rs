@@ -7,7 +7,7 @@
 //! [`become_output`] refuses driver enable and brake release, which only [`Outputs::test`] drives,
 //! and the pins by which the chip is talked to.
 //!
-//! [`Outputs::test`]: super::outputs::Outputs::test
+//! [`Outputs::test`]: crate::board::stm32::outputs::Outputs::test
 
 #![expect(unsafe_code, reason = "the cycle counter is a peripheral of the core")]
 
@@ -16,8 +16,8 @@ use embassy_stm32::pac;
 use embassy_stm32::pac::gpio::regs::Bsrr;
 use protocol::self_test::{NEVER, WATCHED};
 
-use super::pin::{Pin, Pull, Role};
 use crate::board::WIRING;
+use crate::board::stm32::pin::{Pin, Pull, Role};
 
 /// Periods that a wave is measured over, at most.
 const PERIODS: u8 = 8;

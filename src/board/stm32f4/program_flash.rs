@@ -20,8 +20,8 @@ use boot::{Crypto, Flash, FlashError};
 
 use robot::update::StandIn;
 
-use super::can::away;
 use super::flash;
+use crate::board::stm32::can::away;
 
 /// Words of the mark of the cable.
 const MARK_WORDS: u32 = 2;

@@ -25,8 +25,8 @@ use embassy_stm32::pac::dma::regs::Ixr;
 use embassy_stm32::pac::dma::vals::Dir;
 use embassy_stm32::{bind_interrupts, interrupt, pac};
 
-use super::pin::{Pull, Role, Speed};
 use crate::board::WIRING;
+use crate::board::stm32::pin::{Pull, Role, Speed};
 use crate::wake;
 
 /// The baud rate.

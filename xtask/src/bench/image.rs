@@ -55,14 +55,17 @@ fn crate_of(name: &str) -> String {
     }
 }
 
+/// Bytes that are reserved for the stack.
+pub fn stack(firmware: &Firmware) -> Option<u32> {
+    let symbols = firmware.variable("_stack_start");
+    let symbols = symbols.zip(firmware.variable("_stack_end"));
+    symbols.map(|(start, end)| start.address - end.address)
+}
+
 /// Figures of the image.
 pub fn figures(elf: &Path, firmware: &Firmware) -> anyhow::Result<Vec<Figure>> {
     let (flash, ram) = sizes(elf)?;
-    let stack = firmware
-        .variable("_stack_start")
-        .zip(firmware.variable("_stack_end"))
-        .map(|(start, end)| start.address - end.address)
-        .context("the image has no symbols of its stack")?;
+    let stack = stack(firmware).context("the image has no symbols of its stack")?;
     let mut figures = vec![
         Figure::new("memory.flash", flash as f64, "bytes")
             .budget(FLASH_LIMIT)

@@ -1,10 +1,11 @@
 //! `cargo xtask bench`: the cost and the accuracy of the firmware, each figure by execution.
 //!
 //! [`kernels`] counts the functions of the tick one by one; [`running`] drives emulated robots that
-//! run the release image and counts; [`image`] inspects the image; [`bus`] measures the virtual
-//! bus; [`latency`] the time from a call to the wheel; [`accuracy`] compares scalars; [`tracking`]
-//! drives curves; [`update`] times an update over the bus. All of it is emulated or exact
-//! arithmetic, so two runs give the same figures, and `--check` can hold them to their ceilings.
+//! run the release image and counts, [`kit`] the same without a floating-point unit; [`image`]
+//! inspects the image; [`bus`] measures the virtual bus; [`latency`] the time from a call to the
+//! wheel; [`accuracy`] compares scalars; [`tracking`] drives curves; [`update`] times an update
+//! over the bus. All of it is emulated or exact arithmetic, so two runs give the same figures, and
+//! `--check` can hold them to their ceilings.
 //! What depends on the speed of this machine is measured on request and kept separate: [`host`],
 //! [`features`] of the tool, and a [`fleet`] of groups.
 
@@ -18,6 +19,7 @@ mod gateway;
 mod host;
 mod image;
 mod kernels;
+mod kit;
 mod latency;
 pub mod profile;
 mod rate;
@@ -57,6 +59,9 @@ pub struct Arguments {
     /// at most a minute.
     #[arg(long, conflicts_with_all = ["write_docs", "host", "image"])]
     kernels: bool,
+    /// Measures only the kit with an STM32F103, which has no floating-point unit.
+    #[arg(long, conflicts_with_all = ["kernels", "update", "write_docs", "host", "image"])]
+    f103: bool,
     /// Times only an update over the bus, of eight robots.
     #[arg(long, conflicts_with_all = ["kernels", "write_docs", "host"])]
     update: bool,
@@ -89,6 +94,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         write_json(arguments.json.as_deref(), &figures, &[])?;
         return hold(arguments, &figures);
     }
+    if arguments.f103 {
+        let figures = kit::figures(&GroupFile::load(cargo::root().join(GROUP))?)?;
+        print(&figures);
+        write_json(arguments.json.as_deref(), &figures, &[])?;
+        return hold(arguments, &figures);
+    }
     if arguments.features_cost || arguments.fleet {
         let host = match arguments.fleet {
             true => fleet::figures()?,
@@ -115,6 +126,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     figures.extend(running::figures(&group, &image)?);
     let fixed = Firmware::load(&firmware::build(Scalar::Fixed)?)?;
     figures.extend(running::tick(&group, &fixed, "tick.fixed")?);
+    figures.extend(kit::figures(&group)?);
     let calculated = figures
         .iter()
         .find(|figure| figure.name == running::CALCULATED_RATE)

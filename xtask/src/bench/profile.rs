@@ -6,7 +6,7 @@ use group::GroupFile;
 use sim::Options;
 
 use super::driving::Driving;
-use crate::cargo;
+use crate::{cargo, firmware};
 
 /// Options of `cargo xtask profile`.
 #[derive(clap::Args)]
@@ -26,6 +26,9 @@ pub struct Arguments {
     /// Drives a group of this many robots in a row instead of groups/tcc-3.toml.
     #[arg(long, value_parser = clap::value_parser!(u8).range(1..=8))]
     robots: Option<u8>,
+    /// Has kits with an STM32F103 in place of the robots.
+    #[arg(long, conflicts_with = "cable")]
+    f103: bool,
     /// Puts the master at the cable of the first robot, which is the gateway then.
     #[arg(long)]
     cable: bool,
@@ -35,12 +38,16 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let elf = match &arguments.image {
         Some(path) => path.clone(),
-        None => crate::firmware::build(omnibus::report::Scalar::F32)?,
+        None if arguments.f103 => firmware::build_for(firmware::Board::KitF103rc)?,
+        None => firmware::build(omnibus::report::Scalar::F32)?,
     };
     let firmware = Firmware::load(&elf)?;
     let mut group = GroupFile::load(cargo::root().join("groups/tcc-3.toml"))?;
     if let Some(robots) = arguments.robots {
         group = super::bus::in_a_row(&group, robots);
+    }
+    if arguments.f103 {
+        group = super::kit::with_kits(group);
     }
     let options = Options {
         truth_period_ns: 0,

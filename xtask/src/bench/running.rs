@@ -17,6 +17,9 @@ use super::figure::Figure;
 /// (docs/performance.md). Where the code lies, which changes with the folder of the
 /// build, moves it by 0.05.
 const LOAD_CEILING: f64 = 4.3;
+/// The same of a board without a floating-point unit, whose meters and bus side still have
+/// floats.
+const OTHER_LOAD_CEILING: f64 = 20.0;
 /// Time of driving that is measured, ms.
 const MEASURED_MS: u64 = 1_000;
 /// Time of driving until the robots' clocks are in step, ms: the time constant is 64 SYNCs.
@@ -274,6 +277,40 @@ pub fn tick(group: &GroupFile, firmware: &Firmware, name: &str) -> anyhow::Resul
     driving.drive(MEASURED_MS)?;
     let profile = robot.take_profile()?;
     spread(name, profile.calls(tick))
+}
+
+/// Tick, load and stack of an image for another board.
+pub fn of_board(group: &GroupFile, firmware: &Firmware, name: &str) -> anyhow::Result<Vec<Figure>> {
+    let options = Options {
+        truth_period_ns: 0,
+        ..Options::default()
+    };
+    let tick = function(firmware, TICK)?;
+    let mut driving = Driving::new(group, firmware, options)?;
+    driving.drive(SETTLE_MS)?;
+    let robot = driving.first()?.clone();
+    robot.start_profile(&[tick]);
+    let before = robot.board(|board| board.cycles());
+    driving.drive(MEASURED_MS)?;
+    let after = robot.board(|board| board.cycles());
+    let profile = robot.take_profile()?;
+    let [least, mean, most] = spread(&format!("{name}.tick"), profile.calls(tick))?;
+    let asleep = (after.1 - before.1) as f64 / (after.0 - before.0) as f64;
+    let (used, reserved) = high_water(&robot, firmware)?;
+    Ok(vec![
+        least,
+        mean.budget(4_000.0),
+        most,
+        Figure::new(format!("{name}.load"), 100.0 * (1.0 - asleep), "%")
+            .budget(15.0)
+            .ceiling(OTHER_LOAD_CEILING),
+        Figure::new(
+            format!("{name}.memory.stack.high_water"),
+            f64::from(used),
+            "bytes",
+        )
+        .ceiling(f64::from(reserved / 2)),
+    ])
 }
 
 /// From power-on to the boot-up message of the last robot of a group.

@@ -106,6 +106,10 @@ impl Robot for Watched {
         self.lock().robot.turn_encoders(counts);
     }
 
+    fn wire_driver(&mut self, driver: group::Driver) {
+        self.lock().robot.wire_driver(driver);
+    }
+
     fn set_emergency_stop(&mut self, pressed: bool) {
         self.lock().robot.set_emergency_stop(pressed);
     }

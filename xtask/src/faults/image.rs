@@ -26,11 +26,19 @@ fn crc32(bytes: &[u8]) -> u32 {
     })
 }
 
-/// The two sectors with this image stored.
-pub fn sectors(image: &[u8]) -> anyhow::Result<Vec<u8>> {
-    let memory = Memory(Rc::new(RefCell::new(vec![
+/// Two sectors with this image stored, so many bytes together.
+pub fn sectors(image: &[u8], length: usize) -> anyhow::Result<Vec<u8>> {
+    match length {
+        0x4000 => stored::<0x2000>(image),
+        0x8000 => stored::<0x4000>(image),
+        other => Err(anyhow!("no board has {other} bytes of parameters")),
+    }
+}
+
+fn stored<const SECTOR: u32>(image: &[u8]) -> anyhow::Result<Vec<u8>> {
+    let memory = Memory::<SECTOR>(Rc::new(RefCell::new(vec![
         u32::MAX;
-        2 * Memory::SECTOR as usize / 4
+        2 * SECTOR as usize / 4
     ])));
     RecordStore::open(memory.clone())
         .save(image)
@@ -40,10 +48,10 @@ pub fn sectors(image: &[u8]) -> anyhow::Result<Vec<u8>> {
 }
 
 #[derive(Clone)]
-struct Memory(Rc<RefCell<Vec<u32>>>);
+struct Memory<const SECTOR: u32>(Rc<RefCell<Vec<u32>>>);
 
-impl Flash for Memory {
-    const SECTOR: u32 = 0x4000;
+impl<const SECTOR: u32> Flash for Memory<SECTOR> {
+    const SECTOR: u32 = SECTOR;
 
     fn word(&self, at: u32) -> u32 {
         self.0.borrow()[at as usize / 4]

@@ -130,10 +130,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let mut group = GroupFile::load(cargo::root().join(GROUP))?;
     let stage = arguments.stage();
     let smart = matches!(stage, Stage::C620);
+    let alone = smart || arguments.board == Board::KitF103rc;
     let pairs = match arguments.pairs {
-        None | Some(Pairs::None) if smart => Pairs::None,
-        Some(_) if smart => {
-            bail!("--pairs: pairs of causes are not tested with smart drives; give --pairs none")
+        None | Some(Pairs::None) if alone => Pairs::None,
+        Some(_) if alone => {
+            bail!(
+                "--pairs: pairs of causes are not tested with smart drives or on a kit-f103rc; give \
+                 --pairs none"
+            )
         }
         pairs => pairs.unwrap_or(Pairs::Cuts),
     };
@@ -155,7 +159,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         None => std::thread::available_parallelism().map_or(1, usize::from),
     };
 
-    let jobs = jobs(&promises, arguments.only, stage.into())?;
+    let jobs = jobs(&promises, arguments.only, (arguments.board, stage.into()))?;
     let (lines, skew) = std::thread::scope(|scope| {
         // The longest trial beside the others. A duty changes the PWM of the other kinds by fewer
         // steps, so that too few ticks show when it does.
@@ -235,6 +239,7 @@ impl Arguments {
         self.output_stage.unwrap_or(match self.board {
             Board::NucleoF446re => Stage::PwmDirection,
             Board::RobomasterC => Stage::C620,
+            Board::KitF103rc => Stage::InInBrake,
         })
     }
 }
@@ -247,11 +252,15 @@ fn fit_drives(robot: &mut group::Robot) {
 }
 
 /// What is to be tried, by number.
-fn jobs(promises: &[Promise], only: Option<u8>, kind: StageKind) -> anyhow::Result<Vec<Job<'_>>> {
+fn jobs(
+    promises: &[Promise],
+    only: Option<u8>,
+    (board, kind): (Board, StageKind),
+) -> anyhow::Result<Vec<Job<'_>>> {
     let wanted = |number: u8| only.is_none_or(|only| only == number);
     CASES
         .iter()
-        .filter(|case| wanted(case.number) && case.drives.concern(kind))
+        .filter(|case| wanted(case.number) && case.drives.concern(kind) && (case.boards)(board))
         .map(|case| {
             let number = case.number;
             let promise = promises.iter().find(|promise| promise.number == number);

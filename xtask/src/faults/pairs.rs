@@ -25,6 +25,8 @@ use sim::test_master::TestMaster;
 
 use protocol::Reaction;
 
+use crate::firmware::Board;
+
 use super::causes::{CASES, Case, Procedure, SPEED, WATCHED};
 use super::measure::{self, Robots};
 
@@ -78,6 +80,7 @@ pub fn all(promises: &[Promise]) -> Vec<Pair<'_>> {
     let causes: Vec<_> = CASES
         .iter()
         .filter(|case| !case.alone && case.drives.concern(StageKind::PwmDirection))
+        .filter(|case| (case.boards)(Board::default()))
         .filter(|case| !matches!(case.procedure, Procedure::Stored(_)))
         .filter_map(promised)
         .collect();

@@ -9,7 +9,7 @@
 use anyhow::{Context as _, bail, ensure};
 use emulator::{Board, BoardConfig, CanFrame, Firmware, PinLevel, Port, StopKind};
 use protocol::{Address, Fault, address as at, cob};
-use sim::robot::emulated::{outputs, ready_board};
+use sim::robot::emulated::{outputs, parameters, ready_board};
 
 use super::image;
 use super::measured::Measured;
@@ -19,8 +19,6 @@ pub type Procedure = fn(&Firmware) -> anyhow::Result<Measured>;
 
 const NODE: u8 = 2;
 const SAVE: Address = Address::new(0x1010, 1);
-/// Where the parameters are in the flash, bytes.
-const SECTORS: std::ops::Range<usize> = 0x4000..0xC000;
 /// Longest time for an answer, saving included, and for coming up, ns.
 const ANSWER_NS: u64 = 1_500_000_000;
 const UP_NS: u64 = 300_000_000;
@@ -197,8 +195,10 @@ pub fn interrupted(firmware: &Firmware) -> anyhow::Result<Measured> {
 /// Cause 22: an image in order but for one value.
 pub fn corrupt(firmware: &Firmware) -> anyhow::Result<Measured> {
     let mut flash = with_first_set(firmware)?;
-    let sectors = flash.get_mut(SECTORS).context("no flash")?;
-    sectors.copy_from_slice(&image::sectors(&image::with(at::HALF_TRACK, TOO_MUCH))?);
+    let sectors = parameters(firmware).map_err(anyhow::Error::msg)?;
+    let sectors = flash.get_mut(sectors).context("no flash")?;
+    let image = image::with(at::HALF_TRACK, TOO_MUCH);
+    sectors.copy_from_slice(&image::sectors(&image, sectors.len())?);
     let mut robot = Robot::power_on(firmware, &flash)?;
     robot.stays_off()?;
     let [low, high] = at::HALF_TRACK.index.to_le_bytes();

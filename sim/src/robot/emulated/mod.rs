@@ -27,8 +27,8 @@ use group::Driver;
 
 use self::commission::commissioned;
 pub(super) use self::wiring::is_for;
-pub use self::wiring::outputs;
-use self::wiring::{Pin, Wiring};
+use self::wiring::{Channel, Pin, Wiring};
+pub use self::wiring::{outputs, parameters};
 use super::LogLine;
 use crate::bridge::{self, Levels};
 use crate::bus::errors::{ErrorCounters, ErrorState};
@@ -37,10 +37,6 @@ use crate::error::SimError;
 use crate::motor::Bridge;
 use crate::smart_drive::DriveBus;
 
-/// The PWM timers, and the encoder timers of the wheels.
-const PWM_TIMER: usize = 1;
-const SECOND_PWM_TIMER: usize = 8;
-const ENCODER_TIMERS: [usize; 4] = [2, 3, 4, 5];
 /// How long a counter stands still at an index, so that the program reads it there, ns: a few
 /// hundred instructions.
 const INDEX_NS: u64 = 3_000;
@@ -280,7 +276,12 @@ impl EmulatedRobot {
                 time_ns,
             );
         }
-        for (timer, counts) in ENCODER_TIMERS.into_iter().zip(&mut self.pending_counts) {
+        for (timer, counts) in self
+            .wiring
+            .encoder_timers
+            .into_iter()
+            .zip(&mut self.pending_counts)
+        {
             if *counts != 0 {
                 self.board.encoder_add(timer, *counts);
                 *counts = 0;
@@ -308,7 +309,8 @@ impl EmulatedRobot {
                 continue;
             };
             let to_index = self.pending_counts[wheel] - ago;
-            self.board.encoder_add(ENCODER_TIMERS[wheel], to_index);
+            self.board
+                .encoder_add(self.wiring.encoder_timers[wheel], to_index);
             self.pending_counts[wheel] = ago;
             self.board.set_input(port, pin, true);
             self.index_high[wheel] = true;
@@ -406,13 +408,24 @@ impl EmulatedRobot {
             return;
         }
         self.drives = std::array::from_fn(|wheel| {
-            let duty = |timer| f64::from(self.board.pwm(timer, wheel + 1).duty);
+            let [first, second] = self.wiring.channels[wheel];
+            let duty = |Channel {
+                            timer,
+                            number,
+                            complementary,
+                        }| {
+                f64::from(if complementary {
+                    self.board.complementary_pwm(timer, number).duty
+                } else {
+                    self.board.pwm(timer, number).duty
+                })
+            };
             let levels = Levels {
                 enabled,
-                pwm: duty(PWM_TIMER),
+                pwm: duty(first),
                 direction: match self.wiring.directions {
                     Some(pins) => u8::from(high(pins[wheel])).into(),
-                    None => duty(SECOND_PWM_TIMER),
+                    None => duty(second),
                 },
                 inverse: self.wiring.inverse.is_some_and(|pins| high(pins[wheel])),
             };

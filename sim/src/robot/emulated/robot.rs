@@ -5,7 +5,7 @@ use canopen::bits::frame_bits;
 use emulator::{Board, CanError, CanFrame, Change, GyroDefect};
 use group::Driver;
 
-use super::{EmulatedRobot, PWM_TIMER, SETTLING_NS, SUPPLY_DIVIDER};
+use super::{EmulatedRobot, SETTLING_NS, SUPPLY_DIVIDER};
 use crate::bus::errors::{ErrorCounters, ErrorState, TransmitError};
 use crate::encoder::wires::Edge;
 use crate::error::SimError;
@@ -303,14 +303,11 @@ impl Robot for EmulatedRobot {
 
     fn take_duty_changes(&mut self) -> Vec<u64> {
         let changes = self.board.take_trace().into_iter();
+        let [of, _] = self.wiring.channels[0];
         let first_wheel = changes.filter(|traced| {
             matches!(
                 traced.change,
-                Change::Pwm {
-                    timer: PWM_TIMER,
-                    channel: 1,
-                    ..
-                }
+                Change::Pwm { timer, channel, .. } if (timer, channel) == (of.timer, of.number)
             )
         });
         let born_ns = self.born_ns;

@@ -30,6 +30,7 @@ use robot::update::StandIn;
 use super::cable::leaving_mailbox;
 use super::mailboxes::{frame_of, words_of};
 use super::{QUEUE_OVERFLOWS, RX_QUEUE, Received};
+use crate::board::family::bxcan::CAN;
 use crate::board::{WIRING, now};
 use crate::wake;
 
@@ -56,7 +57,7 @@ impl Outgoing {
     #[inline(never)]
     fn new(mailbox: usize, frame: &Frame) -> Self {
         Self {
-            mailbox: pac::CAN1.tx(mailbox).as_ptr().cast(),
+            mailbox: CAN.tx(mailbox).as_ptr().cast(),
             words: words_of(frame),
         }
     }
@@ -142,7 +143,7 @@ pub fn erase(stand_in: &StandIn) {
 #[inline(never)]
 #[unsafe(link_section = ".data.away")]
 fn in_ram(away: &mut Away) {
-    let can = pac::CAN1;
+    let can = CAN;
     pac::FLASH.cr().modify(|w| {
         w.set_eopie(true);
         w.set_strt(true);

@@ -1,15 +1,15 @@
 //! Between frames and the controller's registers.
 
 use canopen::Frame;
-use embassy_stm32::pac;
 use embassy_stm32::pac::can::regs;
 use embassy_stm32::pac::can::vals::{Ide, Rtr};
 
 use super::cable::leaving_mailbox;
+use crate::board::family::bxcan::CAN;
 
 /// A free mailbox, but for that of the frame of the cable, which nobody has noticed yet.
 pub(super) fn free() -> Option<u8> {
-    let status = pac::CAN1.tsr().read();
+    let status = CAN.tsr().read();
     let Some(leaving) = leaving_mailbox() else {
         // RM0390 30.9.2: with at least one mailbox free, CODE is the number of the next free one.
         let any = status.tme(0) || status.tme(1) || status.tme(2);
@@ -20,7 +20,7 @@ pub(super) fn free() -> Option<u8> {
 
 /// Asks for a frame to be sent through a free mailbox.
 pub(super) fn request(mailbox: u8, frame: &Frame) {
-    let mailbox = pac::CAN1.tx(usize::from(mailbox.min(2)));
+    let mailbox = CAN.tx(usize::from(mailbox.min(2)));
     let [tir, tdtr, tdlr, tdhr] = words_of(frame);
     mailbox.tdtr().write_value(regs::Tdtr(tdtr));
     mailbox.tdlr().write_value(regs::Tdlr(tdlr));

@@ -8,8 +8,7 @@
 use embassy_stm32::pac::gpio::Gpio;
 use embassy_stm32::pac::gpio::regs::Bsrr;
 
-/// Ports A to I.
-pub const PORTS: usize = 9;
+use crate::board::family::gpio::{self, PORTS};
 
 /// One pin.
 #[derive(Clone, Copy)]
@@ -35,7 +34,7 @@ pub enum Role {
     Analog,
 }
 
-/// Pull resistor (PUPDR).
+/// Pull resistor.
 #[derive(Clone, Copy)]
 pub enum Pull {
     /// None.
@@ -46,7 +45,7 @@ pub enum Pull {
     Down = 2,
 }
 
-/// Steepness of an output's edges (OSPEEDR).
+/// Steepness of an output's edges.
 #[derive(Clone, Copy)]
 pub enum Speed {
     /// Up to 8 MHz.
@@ -86,7 +85,7 @@ impl Pin {
     #[inline(always)]
     pub const fn registers(self) -> Gpio {
         // SAFETY: the registers of a port: `pin` makes no others.
-        unsafe { Gpio::from_ptr(port_address(self.port as usize) as *mut ()) }
+        unsafe { Gpio::from_ptr(gpio::port_address(self.port as usize) as *mut ()) }
     }
 
     /// Whether its level is high.
@@ -112,68 +111,8 @@ impl Pin {
     /// Gives it a role. For start-up: nothing else may write the registers of its port meanwhile.
     #[inline(never)]
     pub fn become_a(self, role: Role) {
-        // MODER: 0 input, 1 output, 2 alternate function, 3 analog.
-        let (mode, function, pull, speed) = match role {
-            Role::Input(pull) => (0, 0, pull, Speed::Low),
-            Role::Output => (1, 0, Pull::None, Speed::Low),
-            Role::PeripheralInput(function, pull) => (2, function, pull, Speed::Low),
-            Role::PeripheralOutput(function, pull, speed) => (2, function, pull, speed),
-            Role::Analog => (3, 0, Pull::None, Speed::Low),
-        };
-        let port = self.registers();
-        let put = |word: &mut u32, width: u8, place: u8, value: u8| {
-            let (shift, mask) = (width * place, (1 << width) - 1);
-            *word = *word & !(mask << shift) | u32::from(value) << shift;
-        };
-        port.pupdr()
-            .modify(|w| put(&mut w.0, 2, self.bit, pull as u8));
-        port.ospeedr()
-            .modify(|w| put(&mut w.0, 2, self.bit, speed as u8));
-        // Before the mode, so that a pin drives only its intended level.
-        let half = if self.bit < 8 { 0 } else { 1 };
-        port.afr(half)
-            .modify(|w| put(&mut w.0, 4, self.bit % 8, function));
-        port.moder().modify(|w| put(&mut w.0, 2, self.bit, mode));
+        gpio::give(self, role);
     }
-}
-
-/// Words for the start: address of MODER and the bits that make outputs of a port's pins among
-/// these, port by port, and a 0 behind the last.
-pub const fn outputs_by_port(pins: &[Pin]) -> [u32; 2 * PORTS + 1] {
-    let mut words = [0; 2 * PORTS + 1];
-    let (mut port, mut end) = (0, 0);
-    while port < PORTS {
-        let (mut bits, mut at) = (0, 0);
-        while at < pins.len() {
-            if pins[at].port as usize == port {
-                bits |= 1 << (2 * pins[at].bit);
-            }
-            at += 1;
-        }
-        if bits != 0 {
-            words[end] = port_address(port) as u32;
-            words[end + 1] = bits;
-            end += 2;
-        }
-        port += 1;
-    }
-    words
-}
-
-/// Address of a port's registers, of which MODER is the first: port A and the others behind it
-/// (RM0390 rev 6, table 1; RM0090, table 1).
-const fn port_address(port: usize) -> usize {
-    0x4002_0000 + 0x400 * port
-}
-
-/// Bits of AHB1ENR that clock the ports of these pins.
-pub const fn ports_of(pins: &[Pin]) -> u32 {
-    let (mut ports, mut at) = (0, 0);
-    while at < pins.len() {
-        ports |= 1 << pins[at].port;
-        at += 1;
-    }
-    ports
 }
 
 /// Whether all these are different pins.

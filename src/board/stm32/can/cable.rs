@@ -9,11 +9,11 @@ use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering};
 use can_text::slcan::{self, STAMP_PERIOD_MS, flags};
 use canopen::Frame;
 use control::time::Micros;
-use embassy_stm32::pac;
 
-use super::super::serial;
 use super::mailboxes::{self, frame_of, request};
 use super::{Can, QUEUE_OVERFLOWS, RX_QUEUE, Received, concerns_us};
+use crate::board::family::bxcan::CAN;
+use crate::board::family::serial;
 use crate::board::now;
 
 /// The mailbox with a frame of the cable, and since when, the lower half of the time in
@@ -55,7 +55,7 @@ impl Can {
 
     /// What an adapter says of the controller, as bits of its answer to `F`.
     pub fn status_flags(&self) -> u8 {
-        let error = pac::CAN1.esr().read();
+        let error = CAN.esr().read();
         let bit = |on: bool, flag| if on { flag } else { 0 };
         bit(error.ewgf(), flags::WARNING)
             | bit(error.epvf(), flags::PASSIVE)
@@ -108,7 +108,7 @@ impl Can {
     pub fn look_after(&mut self) {
         cortex_m::interrupt::free(|_| {
             collect_sent();
-            let error = pac::CAN1.esr().read();
+            let error = CAN.esr().read();
             // ISO 11898-1: from 128 on a node is error passive.
             let gone = error.boff() || error.tec() >= 128;
             if gone && JOINED.swap(false, Ordering::Relaxed) && error.boff() {
@@ -121,7 +121,7 @@ impl Can {
             let waited = low_us(now()).wrapping_sub(LEAVING_SINCE.load(Ordering::Relaxed));
             if u64::from(waited) > CABLE_PATIENCE.0 || gone && leaving & RECEIVED == 0 {
                 let mailbox = usize::from(leaving & MAILBOX);
-                pac::CAN1.tsr().write(|w| w.set_abrq(mailbox, true));
+                CAN.tsr().write(|w| w.set_abrq(mailbox, true));
             }
         });
     }
@@ -161,7 +161,7 @@ fn receive_own(frame: Frame) -> bool {
 /// Puts a frame of the cable into a mailbox; `false` when all are taken. With interrupts masked, or
 /// from the transmit interrupt, which comes when it has left, or when there is a free mailbox.
 fn leave(frame: &Frame, received: u8) -> bool {
-    pac::CAN1.ier().modify(|w| w.set_tmeie(true));
+    CAN.ier().modify(|w| w.set_tmeie(true));
     let Some(mailbox) = mailboxes::free() else {
         return false;
     };
@@ -175,7 +175,7 @@ fn leave(frame: &Frame, received: u8) -> bool {
 /// was taken back is received too: the bus is gone. With interrupts masked, or from the transmit
 /// interrupt.
 pub(super) fn collect_sent() {
-    let can = pac::CAN1;
+    let can = CAN;
     let status = can.tsr().read();
     for mailbox in 0..3_u8 {
         let number = usize::from(mailbox);

@@ -21,6 +21,7 @@ use embassy_stm32::{interrupt, pac};
 use super::encoders::count;
 use super::pin::{Pull, Role};
 use crate::board::WIRING;
+use crate::board::family::listen_to_port;
 
 /// Lines of the pins, which are their numbers: front left, front right, rear left, rear right. All
 /// share one interrupt vector, EXTI15_10.
@@ -60,11 +61,7 @@ impl Indexes {
         if let Some(pins) = WIRING.index {
             for pin in pins {
                 pin.become_a(Role::Input(Pull::Down));
-                // RM0390 rev 6, 8.2.5 and 8.2.6: which port a line listens to; 0 is A.
-                let line = usize::from(pin.bit);
-                pac::SYSCFG
-                    .exticr(line / 4)
-                    .modify(|w| w.set_exti(line % 4, pin.port));
+                listen_to_port(pin.bit.into(), pin.port);
             }
             pac::EXTI.rtsr(0).modify(|w| w.0 |= MASK);
             interrupt::EXTI15_10.set_priority(Priority::P2);

@@ -11,20 +11,16 @@ use embassy_stm32::pac;
 use embassy_stm32::pac::iwdg::vals::{Key, Pr};
 
 use crate::board::WIRING;
+use crate::board::family::{FASTEST_LSI_KHZ, LONGEST_ERASE_MS, LSI_HZ, NORMAL};
 
 /// A time without feeding after which the chip is reset.
 #[derive(Clone, Copy)]
-struct Setting {
-    prescaler: Pr,
-    reload: u16,
+pub struct Setting {
+    /// LSI cycles of a count.
+    pub prescaler: Pr,
+    /// Counts, less one.
+    pub reload: u16,
 }
-
-/// 400 counts of 4 LSI cycles: 50 ms at 32 kHz. DS10693 rev 10, table 42: LSI has 17 to 47 kHz, so
-/// the reset comes 34 to 94 ms after the last feeding.
-const NORMAL: Setting = Setting {
-    prescaler: Pr::DIVIDE_BY4,
-    reload: 400 - 1,
-};
 
 /// 4096 counts of 32 LSI cycles, the most that there are: 4.1 s at 32 kHz, 2.8 s at 47 kHz. Within
 /// that comes one erase of 128 KiB, 2 s at most at 32 bits, or one save: two erases of 16 KiB, 500
@@ -34,9 +30,7 @@ const PATIENT: Setting = Setting {
     reload: 4096 - 1,
 };
 const _: () = {
-    const FASTEST_KHZ: u32 = 47;
-    const LONGEST_ERASE_MS: u32 = 2_000;
-    let ms = (PATIENT.reload as u32 + 1) * 32 / FASTEST_KHZ;
+    let ms = (PATIENT.reload as u32 + 1) * 32 / FASTEST_LSI_KHZ;
     assert!(ms >= LONGEST_ERASE_MS * 5 / 4, "an erase could be cut");
 };
 
@@ -110,10 +104,10 @@ fn wait() -> Result<(), Stuck> {
 /// Logs the watchdog's setting.
 fn log(set: Result<(), Stuck>) {
     let (prescaler, reload) = (pac::IWDG.pr().read().0, pac::IWDG.rlr().read().0);
-    // 4 << PR LSI cycles a count, each 31.25 us at 32 kHz.
-    let us = (reload + 1) * (125 << prescaler.min(6));
+    // 4 << PR LSI cycles a count.
+    let us = (reload + 1) * ((4_000_000 / LSI_HZ) << prescaler.min(6));
     match set {
-        Ok(()) => defmt::info!("watchdog: {=u32} us at 32 kHz", us),
-        Err(Stuck) => defmt::error!("watchdog: cannot be set, {=u32} us at 32 kHz", us),
+        Ok(()) => defmt::info!("watchdog: {=u32} us typically", us),
+        Err(Stuck) => defmt::error!("watchdog: cannot be set, {=u32} us typically", us),
     }
 }

@@ -52,9 +52,10 @@
 //! Its buffered receiver silently drops a frame when its queue is full, and its buffered sender
 //! loses the second of two frames with one identifier.
 
+#[cfg(slots)]
 pub mod away;
 mod cable;
-mod interrupts;
+pub mod interrupts;
 mod mailboxes;
 mod start;
 
@@ -62,7 +63,6 @@ use core::sync::atomic::{AtomicU16, AtomicU32, Ordering};
 
 use canopen::Frame;
 use control::time::Micros;
-use embassy_stm32::pac;
 use embassy_stm32::pac::can::regs;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::Channel;
@@ -70,7 +70,10 @@ use robot::CanErrors;
 
 pub use cable::{CABLE_PATIENCE, print_to_cable};
 use mailboxes::{free, request};
-pub(super) use start::bit_timing;
+#[cfg(slots)]
+pub use start::bit_timing;
+
+use crate::board::family::bxcan::CAN;
 
 /// Frames the receive queue can hold.
 pub const RX_QUEUE_LENGTH: usize = 32;
@@ -144,7 +147,7 @@ impl Can {
         cortex_m::interrupt::free(|_| {
             let Some(mailbox) = free() else {
                 // Comes at once if a mailbox has become free since.
-                pac::CAN1.ier().modify(|w| w.set_tmeie(true));
+                CAN.ier().modify(|w| w.set_tmeie(true));
                 return false;
             };
             request(mailbox, frame);
@@ -155,7 +158,7 @@ impl Can {
     /// Waits until all mailboxes are empty, for 20 ms at most, before a reset.
     pub fn drain(&mut self) {
         for _ in 0..20_000 {
-            let status = pac::CAN1.tsr().read();
+            let status = CAN.tsr().read();
             if (0..3).all(|mailbox| status.tme(mailbox)) {
                 return;
             }
@@ -165,7 +168,7 @@ impl Can {
 
     /// Aborts the frames that wait in mailboxes.
     pub fn discard(&mut self) {
-        pac::CAN1.tsr().write(|w| {
+        CAN.tsr().write(|w| {
             w.set_abrq(0, true);
             w.set_abrq(1, true);
             w.set_abrq(2, true);
@@ -176,7 +179,7 @@ impl Can {
     ///
     /// RM0390 30.7.6: without ABOM, software has to enter and to leave initialisation mode.
     pub fn recover(&mut self) {
-        let can = pac::CAN1;
+        let can = CAN;
         can.mcr().modify(|w| w.set_inrq(true));
         // Off the bus there is no frame to wait for, so this takes a few cycles. The bound is for a
         // broken chip.
@@ -189,7 +192,7 @@ impl Can {
     /// if it has since the last call, even if a good frame has followed.
     pub fn errors(&self) -> CanErrors {
         let error = match PASSIVE_AT.load(Ordering::Relaxed) {
-            0 => pac::CAN1.esr().read(),
+            0 => CAN.esr().read(),
             passive => {
                 PASSIVE_AT.store(0, Ordering::Relaxed);
                 regs::Esr(passive)
@@ -205,7 +208,7 @@ impl Can {
 
     /// Returns the error counts and states.
     pub fn health(&self) -> Health {
-        let error = pac::CAN1.esr().read();
+        let error = CAN.esr().read();
         Health {
             overruns: OVERRUNS.load(Ordering::Relaxed),
             queue_overflows: QUEUE_OVERFLOWS.load(Ordering::Relaxed),

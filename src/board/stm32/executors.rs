@@ -7,7 +7,7 @@
 //! | priority | interrupt | why |
 //! |---|---|---|
 //! | 0 | PVD (supply of the chip) | cuts the outputs and does not return |
-//! | 1 | TIM9 (time) | counts on, wakes the slow tasks; a few microseconds at most |
+//! | 1 | TIM9 (time), where the chip has it | counts on, wakes the slow tasks; a few microseconds at most |
 //! | 2 | EXTI15_10 (encoder index) | reads the counters at the edge; about 50 instructions, once a wheel and tick at most |
 //! | 2 | CAN1 receive | takes the time stamp of a frame; must not wait for a control tick |
 //! | 3 | CAN1 transmit, errors | refills a mailbox; tells the bus task |
@@ -25,6 +25,8 @@ use embassy_stm32::interrupt::{InterruptExt, Priority};
 use static_cell::StaticCell;
 
 use super::tick;
+use crate::board::family::bxcan::{CAN1_RX0, CAN1_SCE, CAN1_TX};
+use crate::board::family::time;
 
 static CONTROL: InterruptExecutor = InterruptExecutor::new();
 static BUS: StaticCell<Executor> = StaticCell::new();
@@ -43,16 +45,17 @@ pub fn bus() -> &'static mut Executor {
 #[interrupt]
 unsafe fn TIM7() {
     tick::over();
+    time::tick();
     // SAFETY: this is the interrupt the executor was started on, and nothing else calls it.
     unsafe { CONTROL.on_interrupt() }
 }
 
 /// Sets the priorities of the interrupts that the HAL has enabled.
 pub fn set_priorities() {
-    interrupt::TIM1_BRK_TIM9.set_priority(Priority::P1);
-    interrupt::CAN1_RX0.set_priority(Priority::P2);
-    interrupt::CAN1_TX.set_priority(Priority::P3);
-    interrupt::CAN1_SCE.set_priority(Priority::P3);
+    time::set_priority();
+    CAN1_RX0.set_priority(Priority::P2);
+    CAN1_TX.set_priority(Priority::P3);
+    CAN1_SCE.set_priority(Priority::P3);
     // A pended request from before a warm reset must not run a handler early.
     NVIC::unpend(interrupt::TIM7);
 }

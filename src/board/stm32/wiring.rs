@@ -1,29 +1,32 @@
-//! The differences between boards with a chip of this family: pins and clocks.
+//! The differences between boards: pins and clocks.
 //!
 //! A board is one constant of type [`Wiring`]. The drivers read it where they need it, and so does
 //! code without `self`: interrupt handlers, the transition to the safe state, and the first
-//! instructions after reset. As a constant it costs no instruction. The family fixes the use of
+//! instructions after reset. As a constant it costs no instruction. The drivers fix the use of
 //! each timer: TIM1 the PWM, TIM8 driver enable and brake or each wheel's second PWM, TIM7 the
-//! tick, TIM9 the local time, USART2 the cable, SPI1 the gyro.
+//! tick. The local time, and where there are any the cable and the gyro, are the family's.
 
-use embassy_stm32::Config;
-use embassy_stm32::rcc::{
-    AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllMul, PllPDiv, PllPreDiv, PllSource, Sysclk,
-};
-use embassy_stm32::time::Hertz;
+use embassy_stm32::pac;
+use embassy_stm32::pac::timer::TimAdv;
 
 use super::pin::Pin;
+pub use crate::board::family::clocks::Clocks;
 
 /// Pins and clocks of one board. Wheels are in the order front left, front right, rear left, rear
 /// right.
 pub struct Wiring {
     /// Clocks.
     pub clocks: Clocks,
-    /// PWM: TIM1 channels 1 to 4.
+    /// What AFIO_MAPR of an STM32F1 is to hold; an STM32F4 assigns its pins one by one.
+    #[cfg_attr(stm32f4, expect(dead_code, reason = "there is no AFIO"))]
+    pub remap: u32,
+    /// PWM.
     pub pwm: [Pin; 4],
-    /// The second PWM, which rolls the base backward: TIM8 channels 1 to 4. Driver enable and brake
-    /// are outputs of the port then.
+    /// The second PWM, which rolls the base backward. Driver enable and brake are outputs of the
+    /// port then.
     pub second_pwm: Option<[Pin; 4]>,
+    /// The channels at both; where there is no second PWM, those of TIM1 alone.
+    pub channels: [[Channel; 2]; 4],
     /// Direction, where there is no second PWM; high rolls the base forward.
     pub direction: Option<[Pin; 4]>,
     /// The opposite of the direction, for bridges with PWM, IN1 and IN2.
@@ -64,6 +67,43 @@ pub struct Wiring {
     /// The gyro of a BMI088 on SPI1, its z axis up.
     pub gyro: Option<Gyro>,
 }
+
+/// A channel that makes PWM.
+#[derive(Clone, Copy)]
+pub struct Channel {
+    /// TIM1, or TIM8.
+    pub is_of_tim1: bool,
+    /// From 0.
+    pub number: usize,
+    /// Whether its complementary output is used, and not its main one.
+    pub complementary: bool,
+}
+
+impl Channel {
+    /// A timer's registers.
+    pub const fn timer(self) -> TimAdv {
+        if self.is_of_tim1 {
+            pac::TIM1
+        } else {
+            pac::TIM8
+        }
+    }
+}
+
+/// Channels 1 to 4 of TIM1 and of TIM8.
+pub const IN_ORDER: [[Channel; 2]; 4] = {
+    const fn both(number: usize) -> [Channel; 2] {
+        [main(true, number), main(false, number)]
+    }
+    const fn main(is_of_tim1: bool, number: usize) -> Channel {
+        Channel {
+            is_of_tim1,
+            number,
+            complementary: false,
+        }
+    }
+    [both(0), both(1), both(2), both(3)]
+};
 
 /// Pins of a BMI088.
 #[derive(Clone, Copy)]
@@ -114,75 +154,4 @@ pub struct Analog {
     pub pin: Pin,
     /// Its channel.
     pub channel: u8,
-}
-
-/// Clocks: `hse_hz` / `divide_by` x `multiply_by` / 2 for the core, a quarter of that for APB1 and
-/// half of it for APB2. Timers of a divided bus run at twice its clock.
-pub struct Clocks {
-    /// Frequency of the clock from outside.
-    pub hse_hz: u32,
-    /// Whether it is a clock already (bypass) or a crystal.
-    pub hse_is_clock: bool,
-    /// PLLM.
-    pub divide_by: u8,
-    /// PLLN.
-    pub multiply_by: u16,
-}
-
-impl Clocks {
-    /// The core's.
-    pub const fn core_hz(&self) -> u32 {
-        self.hse_hz / self.divide_by as u32 * self.multiply_by as u32 / 2
-    }
-
-    /// That of APB1 and its peripherals: CAN1, for one.
-    pub const fn apb1_hz(&self) -> u32 {
-        self.core_hz() / 4
-    }
-
-    /// That of the timers of APB1: TIM2 to TIM7.
-    pub const fn apb1_timers_hz(&self) -> u32 {
-        self.core_hz() / 2
-    }
-
-    /// That of APB2 and its peripherals: the converters.
-    pub const fn apb2_hz(&self) -> u32 {
-        self.core_hz() / 2
-    }
-
-    /// That of the timers of APB2: TIM1, TIM8 and TIM9.
-    pub const fn apb2_timers_hz(&self) -> u32 {
-        self.core_hz()
-    }
-
-    /// Core cycles in a microsecond.
-    pub const fn cycles_per_us(&self) -> u32 {
-        self.core_hz() / 1_000_000
-    }
-
-    /// The same for the HAL.
-    pub fn config(&self) -> Config {
-        let mut config = Config::default();
-        config.rcc.hse = Some(Hse {
-            freq: Hertz(self.hse_hz),
-            mode: if self.hse_is_clock {
-                HseMode::Bypass
-            } else {
-                HseMode::Oscillator
-            },
-        });
-        config.rcc.pll_src = PllSource::HSE;
-        config.rcc.pll = Some(Pll {
-            prediv: PllPreDiv::from_bits(self.divide_by),
-            mul: PllMul::from_bits(self.multiply_by),
-            divp: Some(PllPDiv::DIV2),
-            divq: None,
-            divr: None,
-        });
-        config.rcc.sys = Sysclk::PLL1_P;
-        config.rcc.ahb_pre = AHBPrescaler::DIV1;
-        config.rcc.apb1_pre = APBPrescaler::DIV4;
-        config.rcc.apb2_pre = APBPrescaler::DIV2;
-        config
-    }
 }

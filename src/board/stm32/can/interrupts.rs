@@ -2,33 +2,28 @@
 
 use core::sync::atomic::{AtomicU16, Ordering};
 
-use embassy_stm32::interrupt::typelevel::{self, Handler};
-use embassy_stm32::{bind_interrupts, pac};
+use embassy_stm32::interrupt::typelevel::Handler;
 
 use protocol::cob;
 
-use super::super::serial::IS_WIRED as CABLE_IS_WIRED;
 use super::cable::{GATEWAY, collect_sent, leaving_mailbox, print_to_cable};
 use super::mailboxes::frame_of;
 use super::{
     CAN_WAIT, LISTENS_TO, OVERRUNS, OWN_NODE, PASSIVE_AT, QUEUE_OVERFLOWS, RX_QUEUE, Received,
     VOTES_MISSING,
 };
+use crate::board::family::bxcan::{CAN, typelevel};
+use crate::board::family::serial::IS_WIRED as CABLE_IS_WIRED;
 use crate::board::now;
 use crate::wake;
 
-bind_interrupts!(pub(super) struct Irqs {
-    CAN1_RX0 => RxHandler;
-    CAN1_TX => TxHandler;
-    CAN1_SCE => ErrorHandler;
-});
-
-pub(super) struct RxHandler;
+/// A frame has come.
+pub struct RxHandler;
 
 #[expect(unsafe_code, reason = "an interrupt handler is called by the hardware")]
 impl Handler<typelevel::CAN1_RX0> for RxHandler {
     unsafe fn on_interrupt() {
-        let can = pac::CAN1;
+        let can = CAN;
         loop {
             let fifo = can.rfr(0).read();
             if fifo.fovr() {
@@ -87,28 +82,30 @@ fn is_last_vote(id: u16) -> bool {
     missing == 1
 }
 
-pub(super) struct TxHandler;
+/// A mailbox is done.
+pub struct TxHandler;
 
 #[expect(unsafe_code, reason = "an interrupt handler is called by the hardware")]
 impl Handler<typelevel::CAN1_TX> for TxHandler {
     unsafe fn on_interrupt() {
-        pac::CAN1.ier().modify(|w| w.set_tmeie(false));
+        CAN.ier().modify(|w| w.set_tmeie(false));
         collect_sent();
         if leaving_mailbox().is_some() {
-            pac::CAN1.ier().modify(|w| w.set_tmeie(true));
+            CAN.ier().modify(|w| w.set_tmeie(true));
         }
         wake::BUS.signal();
     }
 }
 
-pub(super) struct ErrorHandler;
+/// Error passive, or bus-off.
+pub struct ErrorHandler;
 
 #[expect(unsafe_code, reason = "an interrupt handler is called by the hardware")]
 impl Handler<typelevel::CAN1_SCE> for ErrorHandler {
     unsafe fn on_interrupt() {
         // Error passive or bus-off. Flags of this register are cleared by writing one.
-        pac::CAN1.msr().write(|w| w.set_erri(true));
-        let error = pac::CAN1.esr().read();
+        CAN.msr().write(|w| w.set_erri(true));
+        let error = CAN.esr().read();
         if error.epvf() {
             PASSIVE_AT.store(error.0, Ordering::Relaxed);
         }

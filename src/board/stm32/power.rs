@@ -11,8 +11,7 @@
 //! TIM8 away through their break, which needs no program, and the NMI leaves a record
 //! (`safe_state`). When the supply of the chip sinks below 3.0 V the voltage detector's interrupt
 //! does the same; below 2.8 V the brown-out reset holds the chip, which is not made for 180 MHz
-//! below 2.7 V. The brown-out level is in the option bytes, off in a fresh chip, and is programmed
-//! once.
+//! below 2.7 V. What else differs between families is in `supply`.
 
 use cortex_m::peripheral::SYST;
 use embassy_stm32::interrupt::{InterruptExt, Priority};
@@ -20,9 +19,7 @@ use embassy_stm32::{interrupt, pac};
 
 use super::iwdg;
 use crate::board::WIRING;
-
-/// Core cycles of a millisecond on the internal oscillator, which runs after reset.
-const CYCLES_PER_MS: u32 = 16_000;
+use crate::board::family::supply::{CYCLES_PER_MS, detect, is_low};
 
 /// Time of waiting for HSE after which the LED shows it.
 const PATIENCE_MS: u32 = 200;
@@ -34,14 +31,6 @@ const CODE_MS: u32 = 2 * FLASH_MS * FLASHES + 800;
 
 /// Line of the voltage detector (RM0390 10.2.5).
 const DETECTOR_LINE: usize = 16;
-/// Its threshold, PLS: 2.95 to 3.09 V falling (DS10693 rev 10, table 24). The board's regulator
-/// gives 3.23 V at least, and the brown-out reset comes at 2.88 V at most.
-const DETECTOR_LEVEL: u8 = 7;
-
-/// BOR_LEV (RM0390 3.6.1): 0 is level 3, 2.75 to 2.88 V falling; 3 is off.
-const BROWN_OUT_LEVEL_3: u8 = 0;
-const OPTION_KEYS: [u32; 2] = [0x0819_2A3B, 0x4C5D_6E7F];
-
 /// Waits for HSE and for the supply, feeding the watchdog. Returns how long that took, ms. To be
 /// called before the HAL is initialised, which waits for HSE without a time limit; the ports are
 /// clocked and the LED's pin is an output.
@@ -97,18 +86,6 @@ fn light(on: bool) {
     WIRING.led.set(on);
 }
 
-/// Switches the voltage detector on.
-fn detect() {
-    pac::PWR.cr1().modify(|w| {
-        w.set_pls(DETECTOR_LEVEL);
-        w.set_pvde(true);
-    });
-}
-
-fn is_low() -> bool {
-    pac::PWR.csr1().read().pvdo()
-}
-
 /// From now on clock and supply are monitored. To be called after the HAL is initialised, which
 /// resets PWR.
 #[expect(
@@ -127,41 +104,5 @@ pub fn watch() {
     unsafe { interrupt::PVD.enable() };
     if is_low() {
         interrupt::PVD.pend();
-    }
-}
-
-/// Level of the brown-out reset as the option bytes have it: 3 is the highest, 0 is off.
-pub fn brown_out_level() -> u8 {
-    3 - pac::FLASH.optcr().read().bor_lev()
-}
-
-/// Programs the brown-out reset to its highest level where it is not. With the outputs off, the
-/// supply at its nominal value and the watchdog at its longer time; takes as long as the erase of a
-/// sector, once in the chip's life.
-pub fn program_brown_out() {
-    let flash = pac::FLASH;
-    if brown_out_level() == 3 - BROWN_OUT_LEVEL_3 || is_low() {
-        return;
-    }
-    defmt::warn!(
-        "brown-out reset: level {=u8}, programming level 3",
-        brown_out_level()
-    );
-    // No interrupt counts the timer's overflows meanwhile, as in an erase (`flash`).
-    pac::TIM9.cr1().modify(|w| w.set_cen(false));
-    let done = iwdg::patiently(|| {
-        // RM0390 3.6.2.
-        for key in OPTION_KEYS {
-            flash.optkeyr().write_value(key);
-        }
-        while flash.sr().read().bsy() {}
-        flash.optcr().modify(|w| w.set_bor_lev(BROWN_OUT_LEVEL_3));
-        flash.optcr().modify(|w| w.set_optstrt(true));
-        while flash.sr().read().bsy() {}
-        flash.optcr().modify(|w| w.set_optlock(true));
-    });
-    pac::TIM9.cr1().modify(|w| w.set_cen(true));
-    if done.is_err() || brown_out_level() != 3 {
-        defmt::error!("brown-out reset: cannot be programmed");
     }
 }

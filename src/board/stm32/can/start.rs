@@ -2,18 +2,17 @@
 
 use embassy_stm32::interrupt::InterruptExt;
 use embassy_stm32::pac::can::regs;
-use embassy_stm32::{interrupt, pac};
 
 use super::Can;
-use super::interrupts::Irqs;
 use crate::board::WIRING;
-use crate::board::stm32f4::drives;
-use crate::board::stm32f4::pin::{Pull, Role, Speed};
+use crate::board::family::bxcan::{self, CAN, CAN1_RX0, CAN1_SCE, CAN1_TX};
+use crate::board::family::drives;
+use crate::board::stm32::pin::{Pull, Role, Speed};
 
 /// The bit rate.
 const BIT_HZ: u32 = 1_000_000;
 
-/// A time quantum in clocks of APB1: a fifteenth of a bit at 45 MHz, a fourteenth at 42 MHz.
+/// A time quantum in clocks of APB1: a fifteenth of a bit at 45 MHz, a twelfth at 36 MHz.
 const PRESCALER: u16 = 3;
 
 /// Time quanta behind the sample, of [`QUANTA`]; the first is the synchronisation's, all others lie
@@ -39,12 +38,12 @@ impl Can {
     pub fn new() -> Self {
         // Data sheet DS10693 rev 10, table 11; DS8626, table 9: CAN1 is alternate function 9.
         const CAN1_AF: u8 = 9;
-        let crate::board::stm32f4::wiring::Can { receive, transmit } = WIRING.can;
+        let crate::board::stm32::wiring::Can { receive, transmit } = WIRING.can;
         receive.become_a(Role::PeripheralInput(CAN1_AF, Pull::Up));
         transmit.become_a(Role::PeripheralOutput(CAN1_AF, Pull::None, Speed::VeryHigh));
 
-        pac::RCC.apb1enr().modify(|w| w.set_can1en(true));
-        let can = pac::CAN1;
+        bxcan::clock();
+        let can = CAN;
         can.mcr().write(|w| {
             w.set_inrq(true);
             w.set_abom(false); // after bus-off, back on the bus when asked to, see `recover`
@@ -65,14 +64,7 @@ impl Can {
         can.fb(0).fr1().write_value(regs::Fr1(0));
         can.fb(0).fr2().write_value(regs::Fr2(IDE_AND_RTR));
         can.fa1r().modify(|w| w.set_fact(0, true));
-        if drives::ARE_WIRED {
-            let [identifier, mask] = drives::FILTER;
-            can.fs1r().modify(|w| w.set_fsc(drives::FIRST_BANK, true));
-            let bank = can.fb(drives::FIRST_BANK);
-            bank.fr1().write_value(regs::Fr1(identifier));
-            bank.fr2().write_value(regs::Fr2(mask));
-            can.fa1r().modify(|w| w.set_fact(drives::FIRST_BANK, true));
-        }
+        drives::set_filter();
         can.fmr().modify(|w| w.set_finit(false));
 
         can.ier().write(|w| {
@@ -82,10 +74,9 @@ impl Can {
             w.set_bofie(true);
             w.set_errie(true);
         });
-        let _ = Irqs;
-        interrupt::CAN1_RX0.unpend();
-        interrupt::CAN1_TX.unpend();
-        interrupt::CAN1_SCE.unpend();
+        CAN1_RX0.unpend();
+        CAN1_TX.unpend();
+        CAN1_SCE.unpend();
         enable_interrupts();
 
         can.mcr().modify(|w| w.set_inrq(false));
@@ -115,8 +106,8 @@ fn enable_interrupts() {
     // SAFETY: called once at start-up, outside any critical section that these handlers could
     // break.
     unsafe {
-        interrupt::CAN1_RX0.enable();
-        interrupt::CAN1_TX.enable();
-        interrupt::CAN1_SCE.enable();
+        CAN1_RX0.enable();
+        CAN1_TX.enable();
+        CAN1_SCE.enable();
     }
 }
