@@ -59,7 +59,6 @@ static NUCLEO_F446RE: Wiring = Wiring {
 
 /// With the feature `two-pwms`.
 static NUCLEO_F446RE_TWO_PWMS: Wiring = Wiring {
-    hse_hz: 8_000_000,
     directions: None,
     inverse: None,
     encoders: Some([
@@ -68,16 +67,8 @@ static NUCLEO_F446RE_TWO_PWMS: Wiring = Wiring {
         [(B, 6), (B, 7)],
         [(A, 0), (A, 1)],
     ]),
-    index: Some([(B, 10), (A, 12), (B, 14), (B, 15)]),
-    driver_enable: (B, 0),
-    brake_release: (B, 1),
-    emergency_stop: &[(B, 12), (A, 6)],
-    driver_fault: (B, 13),
-    protective_stop: (C, 12),
-    supply: (A, 4),
-    currents: &[(A, 7), (C, 4), (C, 5)],
-    gyro: None,
     switches: &[(C, 0), (C, 1), (C, 10), (C, 11)],
+    ..NUCLEO_F446RE
 };
 
 static ROBOMASTER_C: Wiring = Wiring {
