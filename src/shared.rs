@@ -13,8 +13,9 @@
 //! side copies with interrupts masked (`board`'s `TickMutex`). That takes a microsecond for the
 //! data of every turn. A new configuration has no cell: the bus side calls
 //! [`configure`](crate::control::configure), with interrupts masked and the outputs off. Both are
-//! shorter than it takes to fill the three places of a receive FIFO (at least 150 us), so they can
-//! delay a receive time stamp but cannot lose a frame. The signal that wakes the bus task is in [`wake`](crate::wake).
+//! shorter than it takes to fill the three places of a receive FIFO (at least 140 us), so they can
+//! delay a receive time stamp but cannot lose a frame. The signal that wakes the bus task is in
+//! [`wake`](crate::wake).
 
 use core::cell::RefCell;
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};

@@ -43,11 +43,11 @@ fn firmware() -> Firmware {
 enum Bus {
     /// Another node that acknowledges.
     Other,
-    /// A transceiver and nobody else.
+    /// A transceiver and no other node.
     Nobody,
     /// No transceiver: the controller does not see its own dominant bits.
     NoTransceiver,
-    /// Somebody who keeps the bus for himself.
+    /// A node that keeps the bus for itself.
     Blocked,
 }
 

@@ -249,7 +249,7 @@ fn a_pdo_can_carry_the_yaw_rate(robots: &Backend) {
     }
 }
 
-/// Nobody at the other end, or another chip (0x1E is the number of the accelerometer beside it).
+/// Nothing at the other end, or another chip (0x1E is the number of the accelerometer beside it).
 fn a_gyro_that_is_not_there_does_not_keep_a_robot_from_driving(robots: &Backend) {
     for defect in [GyroDefect::Absent, GyroDefect::Identifier(0x1E)] {
         let group = file();

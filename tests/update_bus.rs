@@ -326,7 +326,7 @@ fn an_image_that_fails_gives_way_to_the_old_one(robots: &Robots) {
     }
 }
 
-/// Nobody confirms the image, and it hears no master: it starts again after a minute.
+/// The image is not confirmed, and receives no master: it starts again after a minute.
 fn an_image_that_is_never_confirmed_gives_way_to_the_old_one(robots: &Robots) {
     let file = File::new(robots);
     let mut robot = flashed(&file);

@@ -49,12 +49,14 @@ const TURNS: u32 = 8_000;
 
 /// The register at an address.
 pub fn read(address: u32) -> u32 {
-    // SAFETY: the callers name registers, or words of flash, all of which can be read.
+    // SAFETY: the callers name registers, or aligned words of flash, all of which can be read. An
+    // address without memory is a fault, which resets the chip.
     unsafe { read_volatile(address as *const u32) }
 }
 
 fn write(address: u32, value: u32) {
-    // SAFETY: as above; no register that is written here makes memory invalid.
+    // SAFETY: the callers name registers, none of which moves memory, or, with PG set, a word of
+    // the records. Neither the boot code nor its variables lie there.
     unsafe { write_volatile(address as *mut u32, value) }
 }
 
@@ -155,8 +157,9 @@ pub fn reset() -> ! {
 pub fn jump(vectors: u32) -> ! {
     write(SCB_VTOR, vectors);
     let (stack, entry) = (read(vectors), read(vectors + 4));
-    // SAFETY: the vectors have been checked. CONTROL is as after a reset, privileged and without a
-    // floating-point context.
+    // SAFETY: `start`, the only caller, has found both vectors to be those of an image
+    // (`Candidate::is_whole`). CONTROL gets its value after a reset: privileged, main stack, no
+    // floating-point context. Nothing of this program runs afterwards, so its stack may be lost.
     unsafe {
         core::arch::asm!(
             "msr control, {zero}",

@@ -1,4 +1,5 @@
-//! The functions that images call, see [`omnibus_boot::services`].
+//! The functions that images call, see [`omnibus_boot::services`], which has what a caller
+//! promises.
 
 #![expect(unsafe_code, reason = "functions for another program")]
 
@@ -30,17 +31,19 @@ const SOFTWARE: Software = Software {
 };
 
 unsafe extern "C" fn begin(memory: *mut HashMemory) {
-    // SAFETY: the caller gives memory of its own, which is large enough.
+    // SAFETY: the caller passes memory of its own; the assertions above say that a hash fits.
     unsafe { memory.cast::<Hash>().write(SOFTWARE.begin()) }
 }
 
 unsafe extern "C" fn update(memory: *mut HashMemory, bytes: *const u8, length: usize) {
-    // SAFETY: as above, with a hash in it; the bytes are the caller's and do not change meanwhile.
+    // SAFETY: by contract the memory holds a hash that `begin` has written, and the bytes are the
+    // caller's and do not change during the call.
     unsafe { SOFTWARE.update(&mut *memory.cast(), slice::from_raw_parts(bytes, length)) }
 }
 
 unsafe extern "C" fn finish(memory: *mut HashMemory, hash: *mut [u8; 64]) {
-    // SAFETY: as above; the hash in the memory is not used again.
+    // SAFETY: by contract the memory holds a hash, which the caller does not use again, and `hash`
+    // is 64 bytes of the caller's.
     unsafe { hash.write(SOFTWARE.finish(memory.cast::<Hash>().read())) }
 }
 
@@ -49,7 +52,7 @@ unsafe extern "C" fn is_signed(
     length: usize,
     signature: *const [u8; 64],
 ) -> u32 {
-    // SAFETY: both are the caller's and do not change meanwhile.
+    // SAFETY: by contract both are the caller's and do not change during the call.
     let (message, signature) = unsafe { (slice::from_raw_parts(message, length), &*signature) };
     u32::from(SOFTWARE.is_signed(message, signature))
 }

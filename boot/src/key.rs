@@ -2,7 +2,7 @@
 //!
 //! It is built in: that of the file `OMNIBUS_PUBLIC_KEY` names in the environment of the build, or
 //! else the development key. The private half of the development key is [in the
-//! open](DEVELOPMENT_PRIVATE), so that everybody can try updates in the simulator; who signs with
+//! open](DEVELOPMENT_PRIVATE), so that anyone can try updates in the simulator; a signature with
 //! it proves nothing.
 
 /// The key that this was built with.

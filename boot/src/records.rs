@@ -15,8 +15,8 @@
 //! | 14 | by the order to go back | rejected |
 //! | 15 | | |
 //!
-//! The sector before slot A has the *mark of the cable*: whoever writes the program by cable
-//! writes this sector as well. It says that slot A is to be started whatever is known about the
+//! The sector before slot A has the *mark of the cable*: a programmer writes this sector
+//! with the program. It says that slot A is to be started whatever is known about the
 //! slots, until an update [begins](begin).
 //!
 //! # Loss of power
@@ -129,7 +129,7 @@ pub enum State {
     Unknown,
     /// An update of it began and has not ended.
     Receiving,
-    /// A whole image that nobody has ordered to start.
+    /// A whole image that has not been ordered to start.
     Ready(Seal),
     /// To be started until it is confirmed, at most [`ATTEMPTS`] times.
     Trial {

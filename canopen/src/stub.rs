@@ -184,40 +184,40 @@ impl Device {
         Counters::default()
     }
 
-    /// Tells nobody.
+    /// Reports nothing.
     pub fn finish_store(&mut self, result: Result<(), AbortCode>) {
         let code = result.err().map_or(0, AbortCode::code);
         self.frame = Frame::new(0x580, &code.to_le_bytes());
     }
 
-    /// Tells nobody.
+    /// Reports nothing.
     pub fn errors(&mut self, _: Micros) -> Errors<'_> {
         Errors(self)
     }
 
-    /// Does nothing.
+    /// Reports nothing.
     pub fn on_bus_off(&mut self, _: Micros) {
         self.event = None;
     }
 
-    /// Does nothing.
+    /// Reports nothing.
     pub fn on_bus_recovered(&mut self, _: Micros) {
         self.frame = None;
     }
 }
 
-/// Tells nobody.
+/// In place of the emergency service.
 pub struct Errors<'a>(&'a mut Device);
 
 impl Errors<'_> {
-    /// Tells nobody.
+    /// Reports nothing.
     pub fn raise(&mut self, code: u16, class: ErrorClass, info: [u8; 5]) {
         let [a, b] = code.to_le_bytes();
         let [c, d, e, f, _] = info;
         self.0.frame = Frame::new(0x80, &[a, b, class as u8, c, d, e, f]);
     }
 
-    /// Tells nobody.
+    /// Reports nothing.
     pub fn clear(&mut self, code: u16, detail: u8) {
         self.raise(code, ErrorClass::Generic, [detail; 5]);
     }

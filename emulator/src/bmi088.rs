@@ -30,7 +30,7 @@ pub const ID: u8 = 0x0F;
 const RESET: u8 = 0xB6;
 /// After power-on or a soft reset it needs this long, ns (5.5.8).
 const START_NS: u64 = 30_000_000;
-/// Nobody drives the wire, which has a pull-up.
+/// The wire, not driven, with its pull-up.
 const OPEN: u8 = 0xFF;
 
 /// Counts in a degree a second in the range of 2000 degrees/s, which is 0 in GYRO_RANGE; each

@@ -4,10 +4,10 @@
 //! processor core with its interrupt controller, system timer and cycle counter comes from
 //! [`rsemu`]; this crate models ST's peripherals from the reference manuals RM0390 rev 6 and RM0090
 //! rev 19, for the STM32F1's registers RM0008 rev 21, one file per peripheral, each naming its
-//! sections. Which chip a board has follows from
-//! its image, and what is particular to a chip is a value ([`chip`]). The crate has no knowledge of
-//! the firmware: a [`Board`] has pins, PWM outputs, encoder inputs, a CAN controller and a serial
-//! port, which the caller connects to a simulated world.
+//! sections. Which chip a board has follows from its image, and what is particular to a chip is a
+//! value ([`chip`]). The crate has no knowledge of the firmware: a [`Board`] has pins, PWM outputs,
+//! encoder inputs, a CAN controller and a serial port, which the caller connects to a simulated
+//! world.
 //!
 //! Peripherals do no work per clock cycle. A counter is computed from the time at which it is read,
 //! and each peripheral reports the time of its next event; a core that sleeps skips straight to

@@ -1,7 +1,7 @@
 //! One `[[robots]]` entry becomes one member.
 //!
 //! Every field is looked up in the entry, then in the `[robot]` table, then among the defaults; an
-//! error names the place it was found in, because that is where it has to be mended.
+//! error names the place it was found in, because that is the place to correct.
 
 mod output_stage;
 
@@ -493,7 +493,7 @@ struct Member<'c, 's> {
 
 impl Member<'_, '_> {
     /// The name of a field. One that came from `[robot]` is named as such: that is where it has to
-    /// be mended.
+    /// be corrected.
     fn name<T>(&self, key: &str, own: &Option<At<T>>, shared: &Option<At<T>>) -> String {
         if own.is_none() && shared.is_some() {
             format!("robot.{key}")

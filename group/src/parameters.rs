@@ -26,8 +26,8 @@ pub fn agreement_delay_us(file: &GroupFile) -> u32 {
         .unwrap_or(0)
 }
 
-/// How long after the SYNC that latches a setpoint the group has reached it, µs. Whoever drives a
-/// curve on time sends each setpoint ahead by that.
+/// How long after the SYNC that latches a setpoint the group has reached it, µs. A master that
+/// drives a curve on time sends each setpoint ahead by that.
 #[must_use]
 pub fn preview_us(file: &GroupFile) -> u32 {
     timing::reached_after_us(file.sync_period_us, agreement_delay_us(file))

@@ -37,6 +37,7 @@
 //! Every type takes its scalar as a parameter that defaults to `f32`. `f64` works everywhere; fixed
 //! point ([`fixed::types::I16F16`]) in what a control loop calls, by way of
 //! [`MemberKinematics::convert`].
+//!
 //! # Limits
 //!
 //! The crate does not model mass or friction, and its only time is the `dt` that it is given.

@@ -199,7 +199,7 @@ pub enum MasterError {
          that sends the poses"
     )]
     PoseLost,
-    /// Nobody is there who could answer a question.
+    /// No person is there to answer a question.
     #[error("the standard input ended before the question was answered")]
     NoAnswer,
     /// Giving node ids did not work.

@@ -16,7 +16,7 @@ use omnibus::simulation::contact;
 use omnibus::simulation::link::SimLink;
 use omnibus::simulation::run::{simulated, world};
 
-/// Per cent: what there is to mend at least without calibration, and the bound of every axis with
+/// Per cent: the least error without calibration, and the bound of every axis with
 /// it.
 #[derive(Clone, Copy)]
 struct Bounds {

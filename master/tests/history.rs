@@ -1,4 +1,4 @@
-//! `status --history` after an incident: a robot stops, and somebody takes the battery out.
+//! `status --history` after an incident: a robot stops, and its battery is taken out.
 //!
 //! Time in the served world waits for the master, so nothing here depends on how busy this machine
 //! is.

@@ -13,7 +13,7 @@ use omnibus::simulation::run::world;
 
 use common::omnibus;
 
-/// What anybody can step away from, m/s.
+/// What any person can step away from, m/s.
 const SLOW: f64 = 0.2;
 
 fn robot() -> GroupFile {

@@ -272,7 +272,7 @@ fn eight_robots_run_the_new_image_and_go_back() {
     assert_eq!(versions(&mut wire, 2..10), [NEW; 8]);
 }
 
-/// Node 6 of 2 to 9 fails; nobody is left with the new image.
+/// Node 6 of 2 to 9 fails; no robot is left with the new image.
 #[test]
 fn if_one_of_eight_fails_in_any_phase_all_run_the_old_image() {
     for failure in [

@@ -1,7 +1,7 @@
 //! Where every object is, by name. Each is declared with its object, in [`crate::table`].
 //!
-//! Those of a program download, 0x1F50 on, are where CiA 302-3 has them. Manufacturer objects as
-//! CiA 301 allots them: 0x2000 identity, 0x2010 robot, 0x2020 wheels and
+//! The objects of a program download, 0x1F50 on, are where CiA 302-3 has them. The manufacturer's
+//! objects lie in the range of CiA 301 for them: 0x2000 identity, 0x2010 robot, 0x2020 wheels and
 //! motors, 0x2030 limits and thresholds, 0x2040 group, 0x2050 commissioning, 0x2100 process data,
 //! 0x2120 diagnostics.
 

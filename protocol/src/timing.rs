@@ -143,7 +143,7 @@ mod tests {
         assert_eq!(agreement_delay_us(two, PERIOD, BIT_RATE), Some(4_300));
     }
 
-    /// Whoever is later than the delay minus the allowance is later than the bits explain.
+    /// A member later than the delay minus the allowance is later than the bits explain.
     #[test]
     fn every_delay_leaves_time_for_the_votes_and_before_the_next_sync() {
         for highest in 3..18 {

@@ -52,7 +52,7 @@ pub enum Verdict {
         /// No other member permits less.
         own: bool,
     },
-    /// Somebody does not.
+    /// A member does not.
     Stop(Fault),
 }
 
@@ -71,7 +71,7 @@ impl Default for Agreement {
 }
 
 impl Agreement {
-    /// Nobody heard yet.
+    /// No vote received yet.
     #[must_use]
     pub const fn new() -> Self {
         Self {

@@ -213,7 +213,7 @@ impl BusSide {
         self.robot.scale.factor()
     }
 
-    /// Whether somebody has asked which robot this is: the LED shall answer.
+    /// Whether a client has asked which robot this is: the LED shall answer.
     #[must_use]
     pub fn blinks(&self) -> bool {
         self.robot.blinks()

@@ -7,7 +7,7 @@ use protocol::ENTRIES;
 use protocol::pdos::{PDOS, Pdo};
 use protocol::timing::{HEARTBEAT_MS, SYNC_OVERFLOW};
 
-/// What the platform knows about this robot before anybody has configured it.
+/// What the platform knows about this robot before it is configured.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Identity {
     /// Node number, 2 to 17.

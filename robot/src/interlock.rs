@@ -50,7 +50,7 @@ impl Interlock {
     }
 }
 
-/// Whether somebody who asks for this asks for standstill.
+/// Whether this setpoint asks for standstill.
 pub fn is_standstill(twist: Twist) -> bool {
     let linear = twist.vx * twist.vx + twist.vy * twist.vy;
     linear < LINEAR * LINEAR && twist.omega.abs() < YAW

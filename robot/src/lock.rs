@@ -1,4 +1,4 @@
-//! The lock: whoever has its key may change what a robot keeps, for a while.
+//! The lock: a client with its key may change what a robot stores, for a while.
 //!
 //! # Theory of operation
 //!

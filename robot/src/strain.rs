@@ -44,7 +44,7 @@ impl Strain {
         }
     }
 
-    /// A SYNC: compares what was measured at the last one, by then heard of everybody.
+    /// A SYNC: compares what was measured at the last one, by then received from all members.
     pub fn on_sync(
         &mut self,
         at: Micros,

@@ -7,8 +7,8 @@
 //! | [`urdf`], [`nav2`], [`localization`] | files made from a group file: the robot's model, parameters of Nav2 and of `robot_localization` |
 //! | `node` | the node on DDS; the cargo feature of that name |
 //!
-//! Whoever drives the group (`omnibus ros`) converts between these messages and the group. Nothing
-//! here decides whether the group moves.
+//! The program that drives the group (`omnibus ros`) converts between these messages and the group.
+//! Nothing here decides whether the group moves.
 
 pub mod localization;
 pub mod message;

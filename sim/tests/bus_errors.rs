@@ -178,7 +178,7 @@ fn a_robot_that_babbles_does_not_say_what_it_has_to_say() {
 }
 
 /// The boot-up frame is on the wire when the connector is pulled: an error frame ends it. The robot
-/// then sends to nobody until it is error passive, and its frame goes out when the connector is
+/// then sends to no node until it is error passive, and its frame goes out when the connector is
 /// back.
 #[test]
 fn a_connector_pulled_in_the_middle_of_a_frame_destroys_it() {

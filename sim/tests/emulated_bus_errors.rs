@@ -63,7 +63,7 @@ fn destroyed_frames_lead_off_the_bus_and_the_firmware_comes_back() {
     assert!(heartbeats > 5, "{heartbeats}");
 }
 
-/// An error-active transmitter that nobody acknowledges counts 8 each time until it is error
+/// An error-active transmitter without acknowledgement counts 8 each time until it is error
 /// passive, then no more.
 #[test]
 fn a_lost_acknowledge_makes_it_passive_and_it_sends_again() {
@@ -177,7 +177,7 @@ fn frames_that_lose_arbitration_wait_and_count_nothing() {
     );
 }
 
-/// Cut off, it sends to nobody until it is error passive; connected again, the frame goes out.
+/// Cut off, it sends to no node until it is error passive; connected again, the frame goes out.
 #[test]
 fn a_node_that_is_cut_off_sends_when_it_is_back() {
     let mut world = world("single");

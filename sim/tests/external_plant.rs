@@ -81,7 +81,7 @@ fn the_python_example_moves_a_rigid_group() {
     child.wait().unwrap();
 }
 
-/// Somebody who listens and answers one step with `answer`.
+/// A plant that listens and answers one step with `answer`.
 fn impostor(answer: &'static str) -> String {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap().to_string();

@@ -482,7 +482,7 @@ fn time_waits_for_a_lockstep_client() {
     served.end("-INT");
 }
 
-/// Robots that nobody could reach are a forgotten option.
+/// Robots without an endpoint are a forgotten option.
 #[test]
 fn a_world_without_a_way_in_is_refused() {
     let done = Command::new(env!("CARGO_BIN_EXE_omnibus-sim"))

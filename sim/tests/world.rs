@@ -305,7 +305,7 @@ fn play_lies_between_encoder_and_wheel() {
 }
 
 /// The front right encoder of node 3 breaks after half a second, its rear left one loses a channel;
-/// nobody else's do.
+/// no other's do.
 #[test]
 fn encoders_break_at_their_time() {
     let (mut world, strings) = simulated(
@@ -409,7 +409,7 @@ fn a_driver_trips_at_its_current() {
 }
 
 /// A cable broken before the second of three: frames of both halves go at the same time and stay in
-/// their half. Mended, everybody hears everybody.
+/// their half. Repaired, all receive all.
 #[test]
 fn a_parted_bus_is_two() {
     let (mut world, strings) = world("tcc-3");

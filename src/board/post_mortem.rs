@@ -75,8 +75,8 @@ static mut WATCHDOG_RESETS: MaybeUninit<[u32; 2]> = MaybeUninit::uninit();
 /// Watchdog resets since power came, this one included if it `is_one`. Called once at start-up,
 /// before tasks and ticks run.
 pub fn count_watchdog_reset(is_one: bool) -> u32 {
-    // SAFETY: nothing else runs yet. Any bit pattern is a valid array of words; RAM is never truly
-    // uninitialised.
+    // SAFETY: this function alone uses the static, and by contract is called once, before the tasks
+    // run. Start-up leaves the words as they are: any bits, all of them valid.
     unsafe {
         let [check, count] = addr_of_mut!(WATCHDOG_RESETS).read_volatile().assume_init();
         let before = if check == MAGIC ^ count { count } else { 0 };
@@ -107,15 +107,14 @@ pub fn write(failure: Failure) {
         Failure::SupplyCollapse => words[1] = 6,
     }
     words[0] = MAGIC ^ fold(&words);
-    // SAFETY: there is one core. Interrupts are masked, and an exception that comes nevertheless
-    // never returns to what it has interrupted, so nothing else accesses the record.
+    // SAFETY: there is one core, and interrupts are masked. What cannot be masked (NMI, HardFault)
+    // may write the record too, but never returns to what it has interrupted.
     interrupt::free(|_| unsafe { addr_of_mut!(RECORD).write_volatile(MaybeUninit::new(words)) });
 }
 
 /// Returns the record of the last run, if there is one, and erases it.
 pub fn consume() -> Option<Failure> {
-    // SAFETY: as in `write`. Any bit pattern is a valid array of words; RAM is never truly
-    // uninitialised.
+    // SAFETY: as in `write`. Start-up leaves the words as they are: any bits, all of them valid.
     let words = interrupt::free(|_| unsafe {
         let words = addr_of_mut!(RECORD).read_volatile().assume_init();
         addr_of_mut!(RECORD).write_volatile(MaybeUninit::new([0; WORDS]));

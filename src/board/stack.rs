@@ -1,12 +1,13 @@
-//! How deep the one stack has been, and which calls are on it.
+//! The most that has been used of the stack, which all interrupts and tasks share, and the calls on
+//! it.
 //!
-//! Start-up fills the stack with a pattern (`paint-stack` of cortex-m-rt); what has lost it has
-//! been used. All interrupts and the tasks share this stack. It sees the deepest call ever
-//! made, not the present one, to within the step with which it looks.
+//! Start-up fills the stack with a pattern (`paint-stack` of cortex-m-rt); a word without it has
+//! been used. The result is that of the deepest call since the start, to within one step of the
+//! search.
 
 #![expect(unsafe_code, reason = "the stack's limits are linker symbols")]
 
-use core::ptr::{addr_of, read_volatile};
+use core::ptr::addr_of;
 
 unsafe extern "C" {
     /// Lowest address of the stack, from `memory/`.
@@ -22,9 +23,9 @@ unsafe extern "C" {
 /// The word with which cortex-m-rt paints the stack.
 const PAINT: u32 = 0xCCCC_CCCC;
 
-/// Words between two that are checked: checking each of 32 KiB would take the bus side a quarter of
-/// a millisecond. An exception's frame is as long and written without a gap.
-const STEP_WORDS: usize = 8;
+/// Bytes from one checked word to the next: checking each word of 32 KiB would take the bus side a
+/// quarter of a millisecond. An exception's frame is as long and written without a gap.
+const STEP_BYTES: usize = 32;
 
 /// The stack in bytes.
 pub struct Use {
@@ -36,21 +37,17 @@ pub struct Use {
 
 /// How deep the stack has been since boot.
 pub fn high_water() -> Use {
-    // SAFETY: only the addresses of the symbols are used, and every word between them is RAM that
-    // nothing writes below the present stack pointer except interrupts, whose writes only make the
-    // answer one call older.
-    unsafe {
-        let end = addr_of!(_stack_end);
-        let start = addr_of!(_stack_start);
-        let size = start as usize - end as usize;
-        let mut word = end;
-        while word < start && read_volatile(word) == PAINT {
-            word = word.add(STEP_WORDS);
-        }
-        Use {
-            most: start as usize - word as usize,
-            size,
-        }
+    let end = addr_of!(_stack_end) as usize;
+    let start = addr_of!(_stack_start) as usize;
+    let mut word = end;
+    // SAFETY: the linker's symbols bound the stack, so this is an aligned word of RAM, of which any
+    // bits are valid. An interrupt may write it; then the result is that of before or after.
+    while word < start && unsafe { (word as *const u32).read_volatile() } == PAINT {
+        word = word.wrapping_add(STEP_BYTES);
+    }
+    Use {
+        most: start - word,
+        size: start - end,
     }
 }
 

@@ -40,13 +40,15 @@ const DIALECT: [&str; 26] = [
     "whoever",
 ];
 
-/// Words that a page for users does without: who or what is meant stands there instead.
-const NOT_IN_PAGES: [&str; 9] = [
+/// Words that pages and documentation comments do without: who or what is meant stands there
+/// instead.
+const NOT_IN_PROSE: [&str; 10] = [
     "altogether",
     "anew",
     "anybody",
     "everybody",
     "mend",
+    "mended",
     "mends",
     "nobody",
     "somebody",
@@ -169,16 +171,21 @@ fn words(name: &str) -> Vec<String> {
 }
 
 #[test]
-fn pages_are_in_standard_words() {
+fn pages_and_documentation_are_in_standard_words() {
     let mut complaints = Vec::new();
     let is_free = |page: &Path| FREE_PAGES.iter().any(|free| page.starts_with(free));
-    for page in files("md").into_iter().filter(|page| !is_free(page)) {
-        for (number, line) in (1..).zip(read(&page).lines()) {
+    let pages = files("md").into_iter().filter(|page| !is_free(page));
+    for path in pages.chain(files("rs")) {
+        let is_page = path.extension().is_some_and(|name| name == "md");
+        for (number, line) in (1..).zip(read(&path).lines()) {
+            if !is_page && !line.trim_start().starts_with("//!") && !line.contains("///") {
+                continue;
+            }
             let words = line.split(|letter: char| !letter.is_ascii_alphanumeric());
-            for word in words.filter(|word| NOT_IN_PAGES.contains(&word.to_lowercase().as_str())) {
+            for word in words.filter(|word| NOT_IN_PROSE.contains(&word.to_lowercase().as_str())) {
                 complaints.push(format!(
                     "{}:{number}: '{word}': name who or what is meant",
-                    page.display()
+                    path.display()
                 ));
             }
         }

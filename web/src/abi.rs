@@ -72,7 +72,7 @@ extern "C" fn omnibus_allocate(length: usize) -> *mut u8 {
 /// `start` and `length` are those of one call of [`omnibus_allocate`] that has not been taken over.
 unsafe fn take(start: *mut u8, length: usize) -> Vec<u8> {
     let bytes = std::ptr::slice_from_raw_parts_mut(start, length);
-    // SAFETY: it came from `Box::into_raw` with this length, and nothing else owns it.
+    // SAFETY: by contract it came from `Box::into_raw` with this length, and nothing else owns it.
     unsafe { Box::from_raw(bytes) }.into_vec()
 }
 

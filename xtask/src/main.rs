@@ -3,7 +3,7 @@
 //!
 //! There is one file per task; [`cargo`] runs the tools and [`firmware`] builds and inspects the
 //! image. A task that fails reports the cause and the remedy and exits with 1. Only `rustup`,
-//! `cargo`, `pip` (for `interop`) and `apt-get` (for `socketcan`) download anything.
+//! `cargo`, `pip` and `npm` (for `interop`) and `apt-get` (for `socketcan`) download anything.
 
 use std::process::ExitCode;
 

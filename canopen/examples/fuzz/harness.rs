@@ -23,7 +23,7 @@ use canopen::{
 pub enum Source<'a> {
     /// SplitMix64 from a seed, without end.
     Seed(u64),
-    /// Somebody else's bytes, then zeros.
+    /// Bytes from outside, then zeros.
     Bytes(&'a [u8]),
 }
 

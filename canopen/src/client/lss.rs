@@ -166,7 +166,7 @@ impl FastScan {
         }
     }
 
-    /// Nobody answered in time.
+    /// No device answered in time.
     pub fn poll(&mut self, now: Micros) -> Option<Scanned> {
         match self.timer.due(now) {
             true => self.advance(now, false),

@@ -7,7 +7,7 @@
 //!
 //! | | heading from | bias |
 //! |---|---|---|
-//! | wheels stand, and the gyro shows less than 0.5 degrees/s | wheels: no turn | learned |
+//! | wheels stand, and the gyro less its bias shows less than 0.5 degrees/s | wheels: no turn | learned |
 //! | anything else | gyro, less its bias | kept |
 //! | gyro not believed, or its bias not known yet | wheels | |
 //!

@@ -1,10 +1,11 @@
 //! The level at the input of CAN1 while a frame is on its bus, for a program that looks at the pin.
 //!
-//! Whoever plays the bus says when a frame begins ([`CanPort::begin`](crate::CanPort::begin) of the
-//! board's own, [`CanPort::arrives`](crate::CanPort::arrives) of another node's). The bits with
-//! their stuff bits and checksum are worked out only when the pin is read. The acknowledge slot is
-//! dominant, as with another node on the bus. A repeated frame looks as the first one did; error
-//! frames are not shown.
+//! The caller, which is the bus, says when a frame begins
+//! ([`CanPort::begin`](crate::CanPort::begin) of the board's own,
+//! [`CanPort::arrives`](crate::CanPort::arrives) of another node's). The bits with their stuff bits
+//! and checksum are worked out only when the pin is read. The acknowledge slot is dominant, as with
+//! another node on the bus. A repeated frame looks as the first one did; error frames are not
+//! shown.
 
 use super::Soc;
 use crate::can::CanFrame;

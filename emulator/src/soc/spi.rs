@@ -5,7 +5,7 @@ use crate::bmi088::Bmi088;
 use crate::system::gpio::{PinLevel, Port};
 use crate::system::spi::Spi;
 
-/// Nobody drives the wire into the master, which has a pull-up.
+/// The wire into the master, not driven, with its pull-up.
 const OPEN: u16 = 0xFFFF;
 
 impl Soc {

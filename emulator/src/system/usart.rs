@@ -86,7 +86,7 @@ impl OnLine {
     }
 }
 
-/// The line while nobody drives it.
+/// The line while it is not driven.
 #[derive(Debug, Clone, Copy)]
 struct Undriven {
     /// Since when, in core cycles.

@@ -9,6 +9,7 @@
 //! front left  = X - B - s (Y + W)      front right = X + B + s (Y + W)
 //! rear left   = X - B + s (Y - W)      rear right  = X + B - s (Y - W)
 //! ```
+//!
 //! # Forward kinematics
 //!
 //! Four equations for three unknowns. With `F = Y + W` and `R = Y - W`, what the pairs of wheels

@@ -22,7 +22,7 @@
 //! | type | for | cost on a Cortex-M4F |
 //! |---|---|---|
 //! | [`PhaseMember`] | the usual four wheels, `f32` and `f64` | `docs/kinematics.md` has the counts |
-//! | [`FixedPhaseMember`] | the same in `I16F16` | |
+//! | [`FixedPhaseMember`] | the same in 32-bit fixed point, `f32` in and out | |
 //! | [`PhasePlatform`] | any wheels, weighted least squares, covariance | not for the control loop |
 //!
 //! # Limits

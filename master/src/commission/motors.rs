@@ -22,7 +22,7 @@ const SETTLE_SYNCS: u32 = 10;
 const LOOK_SYNCS: u32 = 10;
 /// SYNC periods in which a wheel without voltage comes to rest.
 const COAST_SYNCS: u32 = 100;
-/// How long a run may take altogether, µs; the robot's own limit is 20 s.
+/// How long a run may take in all, µs; the robot's own limit is 20 s.
 const TIME_LIMIT_US: u64 = 25_000_000;
 /// Status of object 0x2051:2.
 const RUNNING: u32 = 1;

@@ -5,8 +5,8 @@
 //! All sixteen robots are asked for their serial number at once. Robots that are one node by
 //! mistake answer with different bits: on the wire the answers destroy each other until both robots
 //! are error passive, then they come one after the other. What would be the same in both, like a
-//! version, comes as one frame and shows nothing. Then robots are asked by LSS whether there is
-//! anybody else, which needs no node id.
+//! version, comes as one frame and shows nothing. Then LSS asks whether there are further
+//! robots, which needs no node id.
 
 use std::collections::BTreeMap;
 

@@ -7,10 +7,10 @@
 //! them can take the file. Then each gets the image linked for its slot, one after the other, and
 //! checks it. Only when all have one that is whole are they told to start it, and only when all
 //! have started it, and say so, and none has a fault that it did not have before, is it confirmed.
-//! When anything fails before the start, nobody starts anything; when it fails after, those that
-//! have started go back, and a robot that cannot be told goes back by itself because nobody
-//! confirms its image. The same follows from an abort up to the first confirmation; from then on
-//! the update is completed.
+//! When anything fails before the start, no robot starts anything; when it fails after, those that
+//! have started go back, and a robot that cannot be reached goes back by itself because its image
+//! is not confirmed. The same follows from an abort up to the first confirmation; from then on the
+//! update is completed.
 //!
 //! # Interface
 //!
@@ -33,8 +33,8 @@ use crate::bus::wire::Wire;
 use crate::error::MasterError;
 use crate::session::sdo;
 
-/// How long a robot may be deaf while it erases a sector, in µs (DS10693 rev 10, table 49: 2 s for
-/// 128 KiB).
+/// How long a robot may receive nothing while it erases a sector, in µs (DS10693 rev 10, table 49:
+/// 2 s for 128 KiB).
 const ERASE_US: u64 = 3_000_000;
 /// How long a robot may be busy in all, in µs.
 const BUSY_US: u64 = 10_000_000;

@@ -252,7 +252,7 @@ impl Arbiter {
     }
 
     /// Whether a client may have the group follow a route, which keeps its own limits. While it is
-    /// followed this is called again and again; a route that nobody vouches for any more holds the
+    /// followed this is called again and again; a route that is not confirmed any more holds the
     /// controls no longer.
     ///
     /// # Errors

@@ -8,7 +8,7 @@
 //!
 //! [`Controls`] asks the [`Arbiter`] and passes what it permits to the pilot as [`Order`]s; the
 //! order in which orders leave is the order of the decisions. Each source of commands has a
-//! [`Client`] number from [`Controls::client`]. Whoever owns the session passes its telemetry to
+//! [`Client`] number from [`Controls::client`]. The owner of the session passes its telemetry to
 //! [`Controls::on_telemetry`] before anyone else sees it, so that no client knows of a state in
 //! which it would still be refused.
 //!

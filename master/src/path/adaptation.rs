@@ -14,7 +14,7 @@
 //! with the error `e` that the P law corrects. With `e' = -gain e + (what is missing)` the sum of
 //! `e^2` and of the squared errors of the shares, over the rate, falls whatever the curve does
 //! (Lyapunov), as long as `rate / gain` is slow against the way of a setpoint through the group:
-//! here 1/s against 40 ms. The shares are bounded, so that a source of poses that lies cannot make
+//! here 1/s against 30 ms. The shares are bounded, so that a source of poses that lies cannot make
 //! them large, and rest while the correction is at its limit.
 
 use kinematics::Twist;

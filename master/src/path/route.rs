@@ -327,7 +327,7 @@ impl Route {
         }
     }
 
-    /// How far it has been driven. Whoever has driven a route to its end asked for no later time.
+    /// How far it has been driven. A route that was driven to its end was asked for no later time.
     fn done(&mut self) -> f64 {
         let now = match self.ended {
             Some(ended) if self.closed => ended,
@@ -481,7 +481,7 @@ impl SharedRoute {
         }
     }
 
-    /// Nobody drives it any more.
+    /// It is not driven any more.
     pub fn close(&self) {
         self.lock().closed = true;
     }

@@ -3,7 +3,7 @@
 //! ```text
 //!  DDS <--> node (thread) --velocities, calls--> Commands --wishes--> Controls --orders--> Pilot
 //!             ^                                                                             |
-//!             '-- a bounded channel, nobody waits -- messages <------- telemetry -----------'
+//!             '-- a bounded channel, no waiting -- messages <------- telemetry -----------'
 //! ```
 //!
 //! The node lives in a thread of its own, because its library panics where it should not. When that

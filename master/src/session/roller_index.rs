@@ -1,8 +1,8 @@
 //! Lets a group find the angles of its wheels: ahead and back by a little more than a turn, so that
 //! every encoder's index comes by.
 //!
-//! Nobody expects this motion of a command that follows a curve, so it is slow, and whoever asks
-//! for it is told before how much room it needs ([`IndexSearch`]). The group ends where it began,
+//! A command that follows a curve is not expected to make this motion, so it is slow, and its
+//! caller is told before how much room it needs ([`IndexSearch`]). The group ends where it began,
 //! as far as its wheels know.
 
 use kinematics::WheelRates;

@@ -1,8 +1,8 @@
 //! The temperature of smart drives' motors, asked for beside the setpoints.
 //!
 //! Object 0x2120:4 is in no PDO. While the group runs, a robot with smart drives is asked for it
-//! once in 256 SYNC periods, right after a SYNC, and nobody waits: the answer comes long before the
-//! next setpoint, and one that is lost is asked for again in its turn.
+//! once in 256 SYNC periods, right after a SYNC, and the session does not wait: the answer comes
+//! long before the next setpoint, and one that is lost is asked for again in its turn.
 
 use canopen::Frame;
 use protocol::{Address, address};
@@ -45,7 +45,7 @@ impl<L: Link> Group<L> {
         self.wire.send(&Frame::of(id, data))
     }
 
-    /// Takes in the answer, whoever asked.
+    /// Takes in the answer, whichever program asked.
     pub(super) fn take_temperature(&mut self, id: u16, data: &[u8]) {
         let Some((degrees, _)) = data
             .strip_prefix(&head(ONE_BYTE, address::TEMPERATURE))

@@ -191,7 +191,7 @@ fn a_robot_that_falls_silent_stops_the_group() {
     assert_stopped(&bus);
 }
 
-/// The others say first that somebody is silent; the one that is silent is named.
+/// The others report first that a member is silent; the one that is silent is named.
 #[test]
 fn the_silent_member_is_named_and_not_the_one_that_misses_it() {
     let file = file();

@@ -62,7 +62,7 @@ pub fn with_phases(group: &GroupFile) -> GroupFile {
 /// The same group with the compensation its robots need on its plant, one for all of them.
 ///
 /// # Errors
-/// When a run fails, or loses so much that no coefficient can mend it.
+/// When a run fails, or loses so much that no coefficient can correct it.
 pub fn calibrated(group: &GroupFile, abort: &Abort) -> Result<GroupFile, DriveError> {
     let run = |curve, speed| -> Result<Run, DriveError> {
         let drive = Drive {

@@ -200,7 +200,7 @@ impl Broker {
     }
 }
 
-/// Reads until the client disconnects on purpose or nobody listens any more.
+/// Reads until the client disconnects on purpose or its channel has closed.
 fn listen(mut connection: Connection, client: &Client, identity: &Identity, sink: &Sender<Input>) {
     let topics =
         [Topic::Order, Topic::InstantActions].map(|topic| (topic, identity.topic(topic.name())));

@@ -1,8 +1,9 @@
 //! The electronic data sheet (CiA 306) of a robot.
 //!
 //! The objects from 0x2000 on, and those of a program download, come from the object table. Those
-//! of the communication are written by whoever has the robot's CANopen device (`canopen::eds`),
-//! with a list that has the former, too ([`PROFILE_OBJECTS`](crate::table::PROFILE_OBJECTS)).
+//! of the communication are written by the caller, which has the robot's CANopen device
+//! (`canopen::eds`), with a list that has the former, too
+//! ([`PROFILE_OBJECTS`](crate::table::PROFILE_OBJECTS)).
 
 use core::fmt::{Result, Write};
 

@@ -1,5 +1,5 @@
-//! The table as a whole, put together by the compiler: every object with its texts for whoever
-//! makes a page of it, and a short entry of each for the robot.
+//! The table as a whole, put together by the compiler: every object with its texts for the
+//! generated documents, and a short entry of each for the robot.
 
 use super::record::Record;
 use super::{

@@ -56,7 +56,7 @@ impl Alone {
 }
 
 impl Application {
-    /// A write of 0x2050:1, the permission to move alone. It ends by itself: whoever needs it
+    /// A write of 0x2050:1, the permission to move alone. It ends by itself: a client that needs it
     /// longer gives it again.
     pub(super) fn permit_alone(&mut self, wanted: bool) -> Result<(), AbortCode> {
         let itself = 1 << self.identity.node.get();
@@ -86,7 +86,7 @@ impl Application {
         Ok(())
     }
 
-    /// Ends the permission, and the declaration, that nobody has renewed.
+    /// Ends the permission, and the declaration, that were not renewed.
     pub(super) fn expire_alone(&mut self, now: Micros) {
         if self.alone.for_now {
             self.expire_declaration(now);
@@ -109,7 +109,7 @@ impl Application {
         self.alone.for_now = now < silent;
     }
 
-    /// The commissioning twist: nobody else to agree with, so it takes effect at once.
+    /// The commissioning twist: no other member to agree with, so it takes effect at once.
     pub(super) fn follow_alone(&mut self, at: Micros, beat: Beat) {
         let received = self.alone.twist.take();
         let permitted_now = self.alone.is_permitted

@@ -1,4 +1,4 @@
-//! What a robot hears from the master and from other robots.
+//! What a robot receives from the master and from other robots.
 
 use canopen::{Frame, NmtState};
 use control::time::Micros;
@@ -61,7 +61,7 @@ impl Application {
     }
 
     /// A frame with an identifier that only this robot uses: there is another one with its node
-    /// number. Two of them are one node for everybody else, and both follow the group with one
+    /// number. Two of them are one node for all others, and both follow the group with one
     /// vote.
     #[inline(never)]
     pub(super) fn on_double(&mut self, at: Micros) {

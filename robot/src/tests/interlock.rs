@@ -98,7 +98,7 @@ fn how_many_syncs_is_a_parameter_of_the_group() {
     assert_eq!(took, 200);
 }
 
-/// A member that is started once more restarts its count; nobody follows a speed before it is
+/// A member that is started once more restarts its count; no member follows a speed before it is
 /// ready.
 #[test]
 fn a_member_started_late_holds_the_others_back() {

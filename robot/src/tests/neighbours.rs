@@ -20,7 +20,7 @@ fn moving(nodes: &[u8]) -> World {
     world
 }
 
-/// Every identifier under which a robot sends, from somebody else.
+/// Every identifier under which a robot sends, from another node.
 fn own_frames(node: u8) -> [(u16, [u8; 8], usize); 7] {
     let data = [0; 8];
     [
@@ -333,8 +333,8 @@ fn nodes_are(world: &mut World, nodes: &[u8]) {
     assert_eq!(found, nodes);
 }
 
-/// A robot that is not OPERATIONAL takes a node-ID from whoever selects it; while there are others
-/// it takes none from a switch that selects everybody.
+/// A robot that is not OPERATIONAL takes a node-ID from a master that selects it; while there are
+/// others it takes none from a switch that selects all.
 #[test]
 fn several_robots_do_not_become_one_node() {
     let mut world = World::new(&[2, 3]);

@@ -1,5 +1,5 @@
-//! Stops of the group: a member's emergency message, a bus that comes apart, a stop that is
-//! everybody's.
+//! Stops of the group: a member's emergency message, a bus that comes apart, a stop of
+//! all.
 
 use kinematics::Twist;
 use protocol::address as at;

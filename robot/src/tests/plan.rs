@@ -107,7 +107,7 @@ fn a_member_that_communicates_otherwise_stops_the_group() {
     }
 }
 
-/// What a member is told by somebody else while all move: the others see it in its vote.
+/// What another node writes to a member while all move: the others see it in its vote.
 #[test]
 fn a_member_that_understood_another_twist_stops_the_group() {
     let mut world = World::started(&[2, 3, 4]);

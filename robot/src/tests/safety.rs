@@ -562,7 +562,7 @@ fn a_sticky_start_is_not_a_fault() {
     assert_eq!(world.robots[0].bus.state(), State::Moving);
 }
 
-/// What a robot answers to SDO is what is, also when nobody sends SYNC.
+/// What a robot answers to SDO is what is, also without SYNC.
 #[test]
 fn what_is_read_is_not_older_than_the_request() {
     let mut world = World::started(&[2, 3]);

@@ -126,7 +126,7 @@ fn a_failed_save_is_told_and_what_was_stored_stays() {
     assert_eq!(half_track(&mut bus), 0.4);
 }
 
-/// A bad image: the defaults, fault 22 with the object's name, no start until somebody saves again.
+/// A bad image: the defaults, fault 22 with the object's name, no start until the next save.
 fn refused(image: Stored<'_>, object: [u8; 3]) {
     let mut bus = robot(image);
     assert_eq!(bus.state(), State::Faulted(Fault::ParametersCorrupt));

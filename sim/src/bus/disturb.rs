@@ -10,7 +10,7 @@ use crate::random::Random;
 use canopen::bits::Wire;
 
 /// The first bit that may be struck. A bit of the identifier would make its sender lose arbitration
-/// to nobody: start and identifier are 12 bits, with two stuff bits at most and perhaps one after
+/// to no node: start and identifier are 12 bits, with two stuff bits at most and perhaps one after
 /// them.
 const FIRST_BIT: u32 = 15;
 

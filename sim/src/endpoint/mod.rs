@@ -2,7 +2,7 @@
 //!
 //! Everything here is an [`Endpoint`]: it says where it is, and between two slices of virtual time
 //! it takes in what programs have sent and hands out what has happened. None of them waits for
-//! anybody, but for [`lockstep`], which holds time for its clients: what a client does not read is
+//! a client, but for [`lockstep`], which holds time for its clients: what a client does not read is
 //! kept for a while, and then the client loses frames or its connection, because a bus does not
 //! wait for slow listeners either. So an endpoint decides *when*, in virtual time, a program's
 //! frames reach the bus; a run with programs outside is only as repeatable as they are.

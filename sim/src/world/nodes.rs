@@ -1,7 +1,7 @@
 //! The nodes of the bus: their arbitration, and their reaction to the end of a frame.
 //!
 //! Nodes are numbered: first the robots, then a foreign node that only babbles, then the ports: a
-//! port may be added while a frame is on the wire, and nobody else's number changes by that. While
+//! port may be added while a frame is on the wire, and no other number changes by that. While
 //! the bus is parted, its far half is a separate bus with robots only; a robot that is alone on it
 //! gets no acknowledge.
 

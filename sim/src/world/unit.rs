@@ -26,7 +26,7 @@ pub enum Cable {
 }
 
 impl Cable {
-    /// The level of the line into the chip while nobody drives it.
+    /// The level of the line into the chip while it is not driven.
     pub(super) fn level(self) -> Option<bool> {
         match self {
             Self::Plugged => None,

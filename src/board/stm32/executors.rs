@@ -10,7 +10,7 @@
 //! | 1 | TIM9 (time), where the chip has it | counts on, wakes the slow tasks; a few microseconds at most |
 //! | 2 | EXTI15_10 (encoder index) | reads the counters at the edge; about 50 instructions, once a wheel and tick at most |
 //! | 2 | CAN1 receive | takes the time stamp of a frame; must not wait for a control tick |
-//! | 3 | CAN1 transmit, errors | refills a mailbox; tells the bus task |
+//! | 3 | CAN1 transmit, errors | receives what has left of the cable's frames; wakes the bus task |
 //! | 6 | TIM7 (control executor) | the control tick |
 //! | 6 | CAN2 receive | takes a report of a smart drive, where they turn the wheels; a tick and a report wait for each other |
 //! | 7 | USART2, DMA1 streams 5 and 6 (cable) | waits for a control tick; the rings last for two of them |

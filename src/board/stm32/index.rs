@@ -65,7 +65,8 @@ impl Indexes {
             }
             pac::EXTI.rtsr(0).modify(|w| w.0 |= MASK);
             interrupt::EXTI15_10.set_priority(Priority::P2);
-            // SAFETY: the handler below touches its own registers and atomics only.
+            // SAFETY: called at start-up, outside any critical section. The handler writes atomics
+            // and EXTI's mask, which others change with interrupts masked once lines listen.
             unsafe { interrupt::EXTI15_10.enable() };
         }
         Self { lines: 0 }

@@ -84,7 +84,8 @@ impl Pin {
     /// The registers of its port.
     #[inline(always)]
     pub const fn registers(self) -> Gpio {
-        // SAFETY: the registers of a port: `pin` makes no others.
+        // SAFETY: the chip has the port, from A to I: `pin` and `probe::by_number` check it, and
+        // the literals of this crate are port A.
         unsafe { Gpio::from_ptr(gpio::port_address(self.port as usize) as *mut ()) }
     }
 

@@ -57,12 +57,12 @@ pub fn wait() -> u32 {
     ms
 }
 
-/// Waits for a millisecond by the core's own timer, which nothing else uses.
-#[expect(unsafe_code, reason = "the core's timer is taken from nobody")]
+/// Waits for a millisecond by the core's own timer, and leaves it stopped.
+#[expect(unsafe_code, reason = "the core's timer, by its address")]
 fn millisecond() {
     const ENABLE_FROM_CORE: u32 = 0b101;
     const COUNTFLAG: u32 = 1 << 16;
-    // SAFETY: nothing else runs yet, and nothing uses this timer later.
+    // SAFETY: nothing else runs yet; `can::away`, which uses this timer later, sets it up anew.
     let timer = unsafe { &*SYST::PTR };
     // SAFETY: no interrupt is enabled; any reload value is valid.
     unsafe {

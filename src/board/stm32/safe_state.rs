@@ -82,7 +82,8 @@ extern "C" fn hard_fault(sp: u32) -> ! {
     const FRAME_BYTES: u32 = 32;
     const PC_OFFSET: u32 = 24;
     let pc = if sp.is_multiple_of(4) && stack::contains(sp, FRAME_BYTES) {
-        // SAFETY: the address is aligned and inside the stack, which is RAM.
+        // SAFETY: `contains` has found the whole frame inside the stack, and the address is
+        // aligned.
         unsafe { core::ptr::read_volatile((sp + PC_OFFSET) as *const u32) }
     } else {
         0

@@ -76,8 +76,8 @@ impl BootCode {
         if magic != MAGIC {
             return None;
         }
-        // SAFETY: the magic word says that the boot code has put its table here, and nothing
-        // writes sector 0.
+        // SAFETY: the magic word, whose last byte is the version, says that the boot code has put
+        // its table here; `may_program` and `erase` leave sector 0 alone.
         let services = unsafe { &*table };
         Some(Self(services))
     }
@@ -107,8 +107,8 @@ impl Flash for Slots {
         if !self.may_program(address) {
             return Err(FlashError);
         }
-        // SAFETY: the word is in the slot that does not run, or in a record, where neither code nor
-        // constants of this program lie.
+        // SAFETY: `may_program` admits words of the slot that does not run and of the records. The
+        // program has nothing there but the static of the mark, which it only reads by address.
         unsafe { flash::program(address as *mut u32, word) }.map_err(|_| FlashError)
     }
 
@@ -129,19 +129,20 @@ impl Crypto for BootCode {
 
     fn begin(&self) -> HashMemory {
         let mut hash = HashMemory([0; HASH_BYTES]);
-        // SAFETY: the function is the boot code's, and writes this memory only.
+        // SAFETY: the function is the boot code's, and the memory is this function's own.
         unsafe { (self.0.begin)(&raw mut hash) };
         hash
     }
 
     fn update(&self, hash: &mut HashMemory, bytes: &[u8]) {
-        // SAFETY: the memory has been begun, and the bytes are those of the slice.
+        // SAFETY: `HashMemory` comes from `begin` alone; the bytes are those of the slice.
         unsafe { (self.0.update)(hash, bytes.as_ptr(), bytes.len()) };
     }
 
     fn finish(&self, mut hash: HashMemory) -> [u8; 64] {
         let mut result = [0; 64];
-        // SAFETY: as above; the result has the length that the function writes.
+        // SAFETY: as above; the hash is taken by value and ends here, and the result has the length
+        // that the function writes.
         unsafe { (self.0.finish)(&raw mut hash, &raw mut result) };
         result
     }

@@ -12,7 +12,7 @@
 //! the second is dropped and counted. When the first overflows, and when the port reports a
 //! framing, noise or overrun error, everything that has not been read is dropped and said to be
 //! damaged; the reader drops the line it is in. Nothing waits here, so a cable without a reader, or
-//! no cable, costs nobody anything.
+//! no cable, costs nothing.
 
 use core::cell::RefCell;
 use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering, compiler_fence};

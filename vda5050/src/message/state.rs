@@ -42,7 +42,7 @@ pub enum OperatingMode {
     /// The fleet control.
     #[default]
     Automatic,
-    /// Somebody by hand.
+    /// A person by hand.
     Manual,
     /// Another program on its bus.
     Service,
@@ -55,7 +55,7 @@ pub struct VehicleError {
     pub kind: String,
     /// The same for people.
     pub sentence: String,
-    /// Whether somebody has to see to it before the vehicle drives on.
+    /// Whether a person has to see to it before the vehicle drives on.
     pub fatal: bool,
     /// Where, as key and value.
     pub references: Vec<(String, String)>,

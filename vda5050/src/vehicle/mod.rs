@@ -73,7 +73,7 @@ pub struct Outgoing {
     pub message: Value,
 }
 
-/// What whoever moves the vehicle is asked to do.
+/// What the driver of the vehicle is asked to do.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Request {
     /// Drive these legs, from where the vehicle stands (`fresh`) or after those before.

@@ -123,7 +123,7 @@ impl Drop for Adapter {
     }
 }
 
-/// Serves until nobody can ask any more.
+/// Serves until no client can ask any more.
 fn serve(
     mut bench: EmulatedBench<'_>,
     mut terminal: Terminal,

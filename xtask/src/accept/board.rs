@@ -55,7 +55,7 @@ pub struct BoardBench {
     pub hands: Box<dyn Hands>,
 }
 
-/// Somebody at the terminal, with a probe or without.
+/// A person at the terminal, with a probe or without.
 pub struct Person {
     /// What flashes; a person does without it.
     pub probe: Option<Probe>,

@@ -298,7 +298,7 @@ fn show(
 }
 
 impl Hand {
-    /// Nobody else drives from this terminal, so it can take the controls.
+    /// No other client drives from this terminal, so it can take the controls.
     fn start(&self) {
         let taken = self.controls.take(self.client);
         if taken.is_ok() {

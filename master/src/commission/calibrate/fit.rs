@@ -5,7 +5,7 @@
 //! interval, refusal of what does not determine it. Oblique motions at any angle are first brought
 //! to 45 degrees by the rule that [`kinematics::DirectionalCompensation`] interpolates with. Before
 //! anything is fitted the motions have to make sense: a group that moves askew has a pose source
-//! that looks askew, or a wheel in the wrong place, and no coefficient mends either.
+//! that looks askew, or a wheel in the wrong place, and no coefficient corrects either.
 
 use group::{CompensationTable, GroupFile};
 use kinematics::estimate::{Fit, Limits, Sample, fit, student_95};

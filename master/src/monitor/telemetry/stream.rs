@@ -1,5 +1,5 @@
-//! The channel behind the telemetry: one writer, any number of readers, nobody waits for the
-//! slowest.
+//! The channel behind the telemetry: one writer, any number of readers, none of which holds up
+//! the others.
 //!
 //! Every subscription has a queue of its own with a fixed capacity. When it is full the oldest item
 //! goes and is counted. The writer takes one short lock per subscription and item.

@@ -138,7 +138,7 @@ fn another_master_ends_the_update_and_the_old_image_runs() {
     }
 }
 
-/// While a sector is erased, or the image read back, nobody can begin anything else.
+/// While a sector is erased, or the image read back, nothing else can be begun.
 #[test]
 fn an_order_while_the_robot_is_busy_is_refused() {
     let mut bench = Bench::new();

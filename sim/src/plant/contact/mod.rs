@@ -241,7 +241,7 @@ impl ContactPlant {
                 plant.turn_wheels(dt, turned);
             }
             #[expect(unsafe_code, reason = "the processor was asked for the feature")]
-            // SAFETY: the only requirement is that the processor has AVX2.
+            // SAFETY: the only requirement is that the processor has AVX2, as asked above.
             unsafe {
                 turn_avx2(self, dt, turned);
             }

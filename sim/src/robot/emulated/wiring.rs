@@ -101,28 +101,16 @@ static NUCLEO_F446RE: Wiring = Wiring {
 
 /// With the feature `two-pwms`.
 static NUCLEO_F446RE_TWO_PWMS: Wiring = Wiring {
-    hse_hz: 8_000_000,
-    channels: IN_ORDER,
     directions: None,
     inverse: None,
-    encoder_timers: [2, 3, 4, 5],
     encoders: Some([
         [(A, 15), (B, 3)],
         [(B, 4), (B, 5)],
         [(B, 6), (B, 7)],
         [(A, 0), (A, 1)],
     ]),
-    index: Some([(B, 10), (A, 12), (B, 14), (B, 15)]),
-    driver_enable: (B, 0),
-    brake_release: (B, 1),
-    emergency_stop: &[(B, 12), (A, 6)],
-    driver_fault: (B, 13),
-    protective_stop: (C, 12),
-    supply: (A, 4),
-    currents: &[(A, 7), (C, 4), (C, 5)],
-    gyro: None,
-    parameters: 0x4000..0xC000,
     switches: &[(C, 0), (C, 1), (C, 10), (C, 11)],
+    ..NUCLEO_F446RE
 };
 
 static ROBOMASTER_C: Wiring = Wiring {

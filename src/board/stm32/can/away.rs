@@ -1,4 +1,4 @@
-//! What goes on in RAM while a sector of the flash is erased and the program stands still.
+//! The code in RAM that runs while a sector of the flash is erased and the program stands still.
 //!
 //! The chip has one bank of flash: until an erase ends, whatever reads from it waits, instructions
 //! and vectors as well as constants. So [`erase`] masks interrupts and calls [`in_ram`], which lies
@@ -7,10 +7,11 @@
 //! this robot. These are received when the program goes on.
 //!
 //! In between the core sleeps. What wakes it is pending and never served: a received frame, the end
-//! of the erase, and SysTick, which nothing else uses, for the heartbeat.
+//! of the erase, and, for the heartbeat, SysTick, which only the wait for the crystal at start-up
+//! uses otherwise.
 //!
-//! Limits: the local time stands still, and the cable is neither read nor written. Frames for
-//! nobody in particular, like SYNC, are dropped without being counted. `in_ram` may call nothing
+//! Limits: the local time stands still, and the cable is neither read nor written. Frames
+//! for all robots, like SYNC, are dropped without being counted. `in_ram` may call nothing
 //! that is not inlined, and may not panic; `tests/update_boot.rs` runs it on a chip that stalls.
 
 #![expect(
@@ -149,8 +150,9 @@ fn in_ram(away: &mut Away) {
         w.set_strt(true);
     });
     cortex_m::asm::dsb();
-    // SAFETY: these registers exist on every Cortex-M4, and what is written changes nothing but
-    // what is pending.
+    // SAFETY: these registers exist on every Cortex-M4. What is written below clears pending bits
+    // of SysTick and CAN1_RX0 and nothing else; a frame that is left in the FIFO pends the
+    // interrupt again.
     let (icsr, icpr) = unsafe { (&(*SCB::PTR).icsr, &(*NVIC::PTR).icpr) };
     while pac::FLASH.sr().read().bsy() {
         let outgoing = if icsr.read() & PENDSTSET != 0 {
@@ -191,7 +193,8 @@ fn send(frame: &Outgoing) {
     // TIR: the request to send, which the words have, and which ends when the frame has left.
     const TXRQ: u32 = 1;
     let [tir, tdtr, tdlr, tdhr] = frame.words;
-    // SAFETY: the pointer is that of a mailbox of four registers, which nobody else uses meanwhile.
+    // SAFETY: `Outgoing::new` has made the pointer from the four registers of a mailbox. `erase`
+    // masks interrupts around every call, so nothing else uses mailboxes meanwhile.
     unsafe {
         if frame.mailbox.read_volatile() & TXRQ != 0 {
             return;
@@ -206,7 +209,8 @@ fn send(frame: &Outgoing) {
 /// Disables all interrupts but those that end the sleep, and returns which were enabled. Masked
 /// ones would end it as well, and once pending they stay so.
 fn only_what_wakes() -> [u32; WORDS] {
-    // SAFETY: interrupts are masked, and `give_back` enables again what was.
+    // SAFETY: `erase` has masked interrupts, so enabling one runs no handler; `give_back` restores
+    // which are enabled before they are unmasked.
     unsafe {
         let nvic = &*NVIC::PTR;
         let enabled = core::array::from_fn(|word| nvic.iser[word].read());
@@ -226,7 +230,8 @@ fn give_back(enabled: [u32; WORDS]) {
     pac::FLASH.cr().modify(|w| w.set_eopie(false));
     interrupt::FLASH.disable();
     interrupt::FLASH.unpend();
-    // SAFETY: they were enabled before, outside of any critical section of this module.
+    // SAFETY: these were enabled before, and interrupts are masked until the critical section of
+    // `erase` ends.
     unsafe {
         for (word, bits) in (*NVIC::PTR).iser.iter().zip(enabled) {
             word.write(bits);
@@ -238,8 +243,8 @@ fn give_back(enabled: [u32; WORDS]) {
 fn start_ticks(cycles: u32) {
     // The core's clock, and pending at 0.
     const RUNNING: u32 = 0b111;
-    // SAFETY: the registers exist on every Cortex-M4; nothing else uses them, and no handler runs
-    // while interrupts are masked.
+    // SAFETY: the registers exist on every Cortex-M4. `power::wait`, their other user, has
+    // ended before the first task, and no handler runs while interrupts are masked.
     unsafe {
         let timer = &*SYST::PTR;
         timer.csr.write(0);

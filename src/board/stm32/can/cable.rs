@@ -67,7 +67,7 @@ impl Can {
         LEFT.load(Ordering::Relaxed) && LEFT.swap(false, Ordering::Relaxed)
     }
 
-    /// Whether others are on the bus: a frame has left since nobody acknowledged one.
+    /// Whether others are on the bus: a frame has left since one was not acknowledged.
     pub fn is_joined(&self) -> bool {
         JOINED.load(Ordering::Relaxed)
     }

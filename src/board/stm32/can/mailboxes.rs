@@ -7,7 +7,7 @@ use embassy_stm32::pac::can::vals::{Ide, Rtr};
 use super::cable::leaving_mailbox;
 use crate::board::family::bxcan::CAN;
 
-/// A free mailbox, but for that of the frame of the cable, which nobody has noticed yet.
+/// A free mailbox, but for that of the frame of the cable, which has not been noticed yet.
 pub(super) fn free() -> Option<u8> {
     let status = CAN.tsr().read();
     let Some(leaving) = leaving_mailbox() else {

@@ -6,8 +6,8 @@
 //! local time and puts them into [`RX_QUEUE`], from where the bus task takes them in order. One
 //! FIFO, because with two the order of a setpoint and the SYNC that latches it would be lost. Two
 //! things can overflow, and both are counted: the hardware FIFO (an overrun, only when interrupts
-//! are held off for three frame times, 150 us at least) and the queue (when the bus task does not
-//! run for 32 frames, at least 1.6 ms of back-to-back short frames).
+//! are held off for three frame times, 140 us at least) and the queue (when the bus task does not
+//! run for 32 frames, at least 1.5 ms of back-to-back empty frames).
 //!
 //! The interrupt drops frames of function codes that this robot does not use ([`Can::listen`]),
 //! which costs a hundred cycles instead of a run of the bus task. It keeps all frames with the
@@ -38,14 +38,15 @@
 //! # Errors on the bus
 //!
 //! An interrupt reports error passive and bus-off and saves the error counters at that time,
-//! because a good frame may end a period of error passive before the bus task reads them.
+//! because a good frame may end a period of error passive before the bus task reads them. After
+//! bus-off the controller stays off the bus until [`Can::recover`] is called; the caller decides
+//! when.
 //!
-//! This file has what the bus task does with it; `start` brings it up, `cable` is the gateway's
-//! part, `mailboxes` is between frames and registers, `interrupts` takes frames in, [`away`]
-//! answers while the flash is erased.
+//! # Files
 //!
-//! After bus-off the controller stays off the bus until [`Can::recover`] is called; when, is the
-//! caller's policy.
+//! This file has what the bus task calls; `start` brings the controller up, `cable` is the
+//! gateway's part, `mailboxes` is between frames and registers, `interrupts` takes frames in,
+//! [`away`] answers while the flash is erased.
 //!
 //! # Why not the HAL's driver
 //!

@@ -4,14 +4,14 @@
 //! Two things change while a roller sweeps by the angle t, both as in `docs/kinematics.md`: the
 //! wheel's row of J has its sideways part multiplied by `sec t`, and the point of contact wanders
 //! along the wheel's axle by `rho tan t cot g`, `rho` being the distance between the wheel's axle
-//! and a roller's. The wander acts on turns only and is odd where the secant is even, so whoever
-//! leaves it out finds phases that are off by degrees as soon as the robot turns. Both enter as
+//! and a roller's. The wander acts on turns only and is odd where the secant is even, so a
+//! model without it finds phases that are off by degrees as soon as the robot turns. Both enter as
 //! means over an interval, in closed form.
 //!
 //! A loaded wheel touches the floor over some angle, so a roller takes over little by little: while
 //! the edge of two rollers is within half of that angle of the lowest place, both carry, and the
-//! wheel does the mean of what they want by what presses on each side of it, a parabola. Nobody
-//! knows how far a wheel settles, so that angle is found as well.
+//! wheel does the mean of what they want by what presses on each side of it, a parabola. How
+//! far a wheel settles is not known, so that angle is fitted as well.
 //!
 //! Wheels that contradict each other share the slip: the twist is least squares over the slip along
 //! the rollers' axles, which is what contacts do whose force grows in proportion to their slip.
