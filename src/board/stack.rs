@@ -69,7 +69,7 @@ pub fn calls<const N: usize>() -> [u32; N] {
     let mut at = cortex_m::register::msp::read();
     while contains(at, 4) {
         // SAFETY: the stack pointer is aligned, and the word is in the stack.
-        let word = unsafe { read_volatile(at as *const u32) };
+        let word = unsafe { (at as *const u32).read_volatile() };
         if is_after_call(word) {
             let Some(place) = places.next() else {
                 break;
@@ -93,6 +93,6 @@ fn is_after_call(word: u32) -> bool {
     }
     // SAFETY: both halfwords before it are code, and aligned.
     let [first, second] =
-        [4, 2].map(|before| unsafe { read_volatile((address - before) as *const u16) });
+        [4, 2].map(|before| unsafe { ((address - before) as *const u16).read_volatile() });
     (first & 0xF800 == 0xF000 && second & 0xD000 == 0xD000) || second & 0xFF87 == 0x4780
 }
