@@ -4,9 +4,9 @@
 //! The chip has one bank: while a word is programmed (16 us, 100 us at most) or a sector erased
 //! (16 KiB: 250 ms typically, 500 ms at most at 32 bits parallelism, data sheet DS10693 rev 10
 //! table 49) it executes nothing that lies in flash; only [`away`] lies in RAM. For that long no
-//! interrupt is served, and frames that do not fit into the CAN controller's FIFO are lost; during an
-//! erase the local time stands still. Between the operations interrupts are served, but no other
-//! task of the bus executor runs. So flash is written only while the outputs are off, and
+//! interrupt is served, and frames that do not fit into the CAN controller's FIFO are lost; during
+//! an erase the local time stands still. Between the operations interrupts are served, but no
+//! other task of the bus executor runs. So flash is written only while the outputs are off, and
 //! [`patiently`] gives more time to the watchdog, which cannot be stopped. Reading takes no longer
 //! than reading RAM.
 //!

@@ -110,6 +110,7 @@ static NUCLEO_F446RE_TWO_PWMS: Wiring = Wiring {
         [(A, 0), (A, 1)],
     ]),
     switches: &[(C, 0), (C, 1), (C, 10), (C, 11)],
+    parameters: 0x4000..0xC000,
     ..NUCLEO_F446RE
 };
 
