@@ -20,7 +20,7 @@ pub struct Promise {
     pub millis: Option<f64>,
     /// The same where smart drives turn the wheels, if that is another time, ms.
     pub smart_millis: Option<f64>,
-    /// Largest rate of any wheel after the cause, over what was asked before it.
+    /// Largest ratio of the rate of any wheel after the cause to what was asked before it.
     pub wheel_rate: Option<f64>,
     /// Longest way of the body from the cause to rest, m.
     pub way: Option<f64>,

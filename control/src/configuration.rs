@@ -21,7 +21,7 @@ use crate::wheel_drive::MotorLimits;
 pub struct WheelConfiguration {
     /// rad for one count up; negative where the encoder is reversed.
     pub step: f32,
-    /// 1, or -1 where the motor is reversed.
+    /// Factor of the duty: 1, or -1 where the motor is reversed.
     pub motor_sign: f32,
     /// Feedforward and gains.
     pub gains: Gains,

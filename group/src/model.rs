@@ -309,7 +309,7 @@ pub struct Control {
 /// Duty that holds or changes a wheel rate, from the motor's own data.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Feedforward {
-    /// Duty that overcomes dry friction, with the sign of the rate.
+    /// Duty that overcomes dry friction, 0..=1, with the sign of the rate.
     pub duty_static: f32,
     /// Duty per rad/s.
     pub duty_per_rate: f32,

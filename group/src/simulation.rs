@@ -154,7 +154,7 @@ impl Default for Gyro {
 /// What only the contact plant knows. `None` is the plant's own value.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Contact {
-    /// Friction between rollers and floor.
+    /// Coefficient of friction between rollers and floor, a ratio of forces.
     pub friction: Option<f64>,
     /// Mass of a robot, kg.
     pub robot_mass: Option<f64>,

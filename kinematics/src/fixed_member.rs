@@ -19,7 +19,7 @@ use crate::wheel::Wheel;
 /// 2^16: steps of an `I16F16` in a unit.
 const STEPS: f32 = 65_536.0;
 
-/// How much finer displacements are computed than velocities.
+/// How many times finer displacements are computed than velocities.
 pub(crate) const FINE: f32 = 1024.0;
 
 /// [`MemberKinematics`] in `I16F16`, with `f32` in and out.

@@ -14,6 +14,7 @@ mod boards;
 mod modules;
 mod statements;
 mod style;
+mod units;
 
 fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))

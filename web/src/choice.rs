@@ -39,7 +39,7 @@ const SIZES: &str = include_str!("../../groups/sizes.toml");
 /// What a calibration on the contact floor gives.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Calibrated {
-    /// Longitudinal, lateral, yaw coefficients.
+    /// Longitudinal, lateral, yaw coefficients, without a unit.
     pub coefficients: [f32; 3],
     /// Share of a lateral velocity that the hand-over of rollers costs, s/m.
     pub hand_over_loss: f32,

@@ -15,7 +15,7 @@ use kinematics::{RollerAngle, RollerTrack};
 
 use super::{IndexPulse, RollerState, RollerWheel, Value, scalar};
 
-/// Turns without an index after which a reference is no longer trusted.
+/// Revolutions without an index after which a reference is no longer trusted.
 pub(super) const PATIENCE: f32 = 2.0;
 
 /// Ticks over which a wheel passes from the mean ratio to its angle and back.

@@ -70,11 +70,11 @@ pub enum Kind {
 /// The numbers that a key may have; a robot's object may narrow it.
 #[derive(Clone, Copy)]
 pub struct Range {
-    /// Lowest.
+    /// Lowest, in the unit of the key.
     pub min: f64,
     /// Whether the lowest itself is outside.
     pub above_min: bool,
-    /// Highest.
+    /// Highest, in the unit of the key.
     pub max: f64,
 }
 

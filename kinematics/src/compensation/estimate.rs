@@ -34,7 +34,7 @@ pub struct Limits {
     pub outlier_deviations: f64,
     /// At least this many samples must remain.
     pub least_samples: usize,
-    /// The 95 % interval may reach this far from the coefficient, relative.
+    /// The 95 % interval may reach this far from the coefficient, as a fraction of it.
     pub widest_interval: f64,
 }
 

@@ -34,7 +34,7 @@ pub struct Figures {
     pub path_m: f64,
     /// Fastest measured speed, m/s.
     pub fastest_m_s: f32,
-    /// Smallest scale that a robot permitted while the group was commanded to move.
+    /// Smallest scale, 0..=1, that a robot permitted while the group was commanded to move.
     pub smallest_scale: Option<f32>,
     /// Largest slip residual of a robot, rad/s.
     pub largest_slip_rad_s: Option<f32>,

@@ -25,7 +25,9 @@ pub(super) struct Identification {
     /// Object 0x2051:3: the wheel concerned, or 255.
     pub wheel: u8,
     pub bounds: Bounds,
+    /// Wanted bandwidth of the wheel loops, rad/s.
     pub bandwidth: f32,
+    /// Wanted damping of the wheel loops, without a unit.
     pub damping: f32,
     models: [WheelModel; 4],
 }

@@ -66,9 +66,9 @@ pub struct Row {
     pub what: String,
     /// Its unit.
     pub unit: &'static str,
-    /// What the paper prints, where it prints it.
+    /// What the paper prints, in the unit, where it prints it.
     pub paper: Option<f64>,
-    /// What came out, a value a column.
+    /// What came out, in the unit, a value a column.
     pub ours: Vec<f64>,
 }
 

@@ -106,7 +106,7 @@ pub mod serial {
         }
     }
 
-    /// Nobody reads it.
+    /// Drops it: this chip has no serial port for it.
     pub fn put(_print: impl FnOnce(&mut [u8; LINE]) -> usize) {}
 }
 

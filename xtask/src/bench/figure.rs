@@ -15,18 +15,18 @@ pub enum Better {
 pub struct Figure {
     /// Stable name.
     pub name: String,
-    /// What was measured.
+    /// What was measured, in the unit.
     pub value: f64,
     /// Its unit.
     pub unit: &'static str,
-    /// What is aimed at, if anything is.
+    /// What is aimed at, in the unit, if anything is.
     pub budget: Option<f64>,
     /// Which way is better.
     pub better: Better,
     /// The best public peer's, measured the same way.
     pub peer: Option<(f64, &'static str)>,
-    /// What it must not get worse than: recorded when it was last better, above the budget where
-    /// that is missed.
+    /// What it must not get worse than, in the unit: recorded when it was last better, above the
+    /// budget where that is missed.
     pub ceiling: Option<f64>,
 }
 

@@ -111,7 +111,8 @@ pub struct Case {
     pub speed: f32,
     /// What is promised at this speed, ms, if not the time of the page's table.
     pub millis: Option<f64>,
-    /// The largest wheel rate over what was asked at this speed, if not that of the page's table.
+    /// The largest ratio of a wheel rate to what was asked at this speed, if not that of the page's
+    /// table.
     pub wheel_rate: Option<f64>,
     /// The robots that it can happen to.
     pub drives: Drives,

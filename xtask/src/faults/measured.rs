@@ -9,7 +9,8 @@ pub struct Measured {
     pub emergency_ms: f64,
     /// From the cause to drivers off and brake engaged, ms.
     pub rest_ms: f64,
-    /// Largest true rate of any wheel of the group after the cause, over what was asked before it.
+    /// Largest ratio of the true rate of any wheel of the group after the cause to what was asked
+    /// before it.
     pub wheel_rate: Option<f64>,
     /// How far the body went from the cause to rest, m.
     pub way: Option<f64>,

@@ -25,8 +25,9 @@ use crate::path::curve::Plan;
 
 /// Shortest ramp, s.
 const RAMP: f64 = 0.5;
-/// How long the group stands before poses are read, and how long they are averaged, s.
+/// How long the group stands before poses are read, s.
 pub(super) const SETTLE: f64 = 0.3;
+/// How long they are averaged, s.
 pub(super) const AVERAGE: f64 = 0.3;
 /// Share of the acceleration limit that ramps use on average; at their steepest it is half as much
 /// again.

@@ -162,7 +162,7 @@ pub struct Observation {
     pub speed: f64,
     /// What the robots work out from their wheels, in the robots' frame: m, m, rad.
     pub believed: [f64; 3],
-    /// What was measured.
+    /// What was measured: m, m, rad.
     pub measured: [f64; 3],
 }
 

@@ -52,7 +52,7 @@ pub struct Left {
     pub way: Way,
     /// Its speed, m/s or rad/s.
     pub speed: f64,
-    /// Measured over asked, less 1; the worst of both ways.
+    /// Ratio of measured to asked, less 1; the worst of both ways.
     pub error: f64,
 }
 

@@ -22,7 +22,7 @@ const CONSTANTS: [protocol::Address; 3] = [
 pub struct Held {
     /// Its node.
     pub node: u8,
-    /// Constants: longitudinal, lateral, yaw.
+    /// Constants without a unit: longitudinal, lateral, yaw.
     pub constants: [f32; 3],
     /// The compensation set, bytes of 0x2013:1.
     pub set: Vec<u8>,

@@ -78,7 +78,7 @@ pub struct Contact {
     pub roller_ratio: f64,
     /// Density of a roller as if it were solid, kg/m^3. 0 is rollers without inertia.
     pub roller_density: f64,
-    /// Dry friction between roller and floor.
+    /// Dry friction between roller and floor, a ratio of forces.
     pub friction: f64,
     /// Resistance to a roller's own turning: force at the floor over the wheel's load, per m/s at
     /// which the roller rolls, s/m.
@@ -86,8 +86,8 @@ pub struct Contact {
     /// Slip velocity at which friction is fully developed, m/s; below, it grows in proportion, as
     /// rubber creeps. 0 is ideal dry friction.
     pub creep: f64,
-    /// By which part of the radius a loaded wheel settles, and so over which angle it touches the
-    /// floor.
+    /// By which fraction of the radius a loaded wheel settles, and so over which angle it touches
+    /// the floor.
     pub settling: f64,
     /// Mass of a robot, kg, spread evenly over the rectangle of its wheels.
     pub mass: f64,

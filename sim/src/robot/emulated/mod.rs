@@ -40,7 +40,7 @@ use crate::smart_drive::DriveBus;
 /// How long a counter stands still at an index, so that the program reads it there, ns: a few
 /// hundred instructions.
 const INDEX_NS: u64 = 3_000;
-/// Divider of the supply.
+/// Ratio of the divider of the supply.
 pub(super) const SUPPLY_DIVIDER: f64 = 11.0;
 /// Node of a board with open switches, or without any.
 const FIRST_NODE: u8 = 2;

@@ -51,9 +51,11 @@ pub(super) struct SmartDrives {
     seen: Drives,
     wheels: DriveConfiguration,
     model: Model,
-    /// Counts since the bus was last told, and what it needs to know of the wheels beside them.
+    /// Counts since the last frame.
     counts: [i32; 4],
+    /// Rates of the wheels, rad/s.
     pub rates: [f64; 4],
+    /// Supply voltage, V.
     pub supply: f64,
 }
 

@@ -112,20 +112,26 @@ impl Robot {
 /// The motor as seen from the wheel.
 #[derive(Debug)]
 pub(super) struct Motor {
+    /// Of the winding, Ohm.
     pub(super) resistance: f64,
+    /// Torque constant at the wheel, N m/A.
     pub(super) constant: f64,
+    /// Dry friction at the wheel, N m.
     pub(super) friction: f64,
-    /// Of the gear, from the stall torque.
+    /// Of the gear, a fraction, from the stall torque.
     pub(super) efficiency: f64,
+    /// What the wheel turns, kg m^2.
     pub(super) inertia: f64,
 }
 
 /// Share of what a motor can do that a group file asks of it: what is left is for the wheel loops.
 pub(super) const RESERVE: f64 = 0.8;
 
-/// Friction that a rubber roller surely has on a clean floor, for the limit of the acceleration.
+/// Friction that a rubber roller surely has on a clean floor, a ratio of forces, for the limit of
+/// the acceleration.
 pub(super) const FRICTION: f64 = 0.35;
 
+/// Acceleration of free fall, m/s^2.
 pub(super) const GRAVITY: f64 = 9.81;
 
 impl Motor {
@@ -190,7 +196,7 @@ pub(super) fn short(value: f64) -> f64 {
     format!("{value:.3e}").parse().unwrap_or(value)
 }
 
-/// The limits of the group's motion that the wheels can follow.
+/// The limits of the group's motion that the wheels can follow: rad/s, m/s, rad/s, m/s^2, rad/s^2.
 pub(super) struct Limits {
     pub(super) wheel_rate: f64,
     pub(super) speed: f64,

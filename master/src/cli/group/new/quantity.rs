@@ -3,11 +3,13 @@
 /// A unit and how many of the file's it is.
 pub(super) type Units = &'static [(&'static str, f64)];
 
-/// Newtons of a kilogram's weight, of a pound's (an ounce is a sixteenth), metres of an inch.
+/// The weight of a kilogram, N.
 pub(super) const KILOGRAM_FORCE: f64 = 9.806_65;
 
+/// The weight of an ounce, a sixteenth of a pound, N.
 pub(super) const OUNCE_FORCE: f64 = 4.448_221_615 / 16.0;
 
+/// An inch, m.
 pub(super) const INCH: f64 = 0.0254;
 
 pub(super) const LENGTH: Units = &[("m", 1.0), ("cm", 1e-2), ("mm", 1e-3), ("in", INCH)];

@@ -62,11 +62,13 @@ pub(super) struct Problem<'a> {
 
 /// Where a fit ended.
 pub(super) struct Fit {
+    /// In the order and the units of the model.
     pub parameters: Vec<f64>,
     /// What is left, axis after axis, turns as metres at the wheels.
     pub left: Vec<f64>,
+    /// Sum of the squares of that, m^2.
     pub squares: f64,
-    /// Of the phases.
+    /// Of the phases, rad^2.
     pub variances: [f64; 4],
 }
 

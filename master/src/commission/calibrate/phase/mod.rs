@@ -139,7 +139,7 @@ pub struct Phases {
     pub residual: Residual,
     /// Share that the phases explain of what wheels without ripple leave.
     pub explained: f64,
-    /// Measured turn over the wheels'.
+    /// Ratio of the measured turn to the wheels'.
     pub yaw_gain: f64,
     /// Intervals used.
     pub intervals: usize,

@@ -67,6 +67,7 @@ pub(super) struct Model {
     pub rollers: Rollers<f64>,
     straight: [[f64; 3]; 4],
     across: [[f64; 3]; 4],
+    /// m.
     pub wheel_radius: f64,
 }
 
