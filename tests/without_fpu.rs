@@ -22,8 +22,8 @@ fn load(variable: &str) -> Firmware {
 mod kit {
     use super::*;
 
-    /// The paper's figure-eight, as `cargo xtask demo --config mixed-fpu` drives it, against three
-    /// reference boards.
+    /// The whole of the paper's figure-eight, as `cargo xtask demo --config mixed-fpu` drives it,
+    /// against three reference boards.
     #[test]
     fn a_group_with_it_goes_where_f32_robots_go() {
         let mixed = common::group("mixed-fpu");
@@ -35,7 +35,7 @@ mod kit {
         let images = || ["OMNIBUS_ELF", "OMNIBUS_ELF_KIT"].map(load).to_vec();
         let [alike, mixed] = [alike, mixed].map(|group| {
             let backend = Backend::Images(images());
-            let drive = common::quick_drive(&group, backend, Curve::FigureEight, true);
+            let drive = common::drive(&group, backend, Curve::FigureEight, false, true);
             assert_eq!(drive.result, Ok(()));
             drive
         });

@@ -37,7 +37,18 @@ pub struct Drive {
 
 /// Boots, configures and starts a group and drives it along the first seconds of a curve.
 pub fn quick_drive(group: &GroupFile, backend: Backend, curve: Curve, compensation: bool) -> Drive {
-    let plan = curve.plan(true);
+    drive(group, backend, curve, true, compensation)
+}
+
+/// The same along the whole of a curve, or its first seconds.
+pub fn drive(
+    group: &GroupFile,
+    backend: Backend,
+    curve: Curve,
+    quick: bool,
+    compensation: bool,
+) -> Drive {
+    let plan = curve.plan(quick);
     let options = Options {
         truth_period_ns: u64::from(group.sync_period_us) * 1_000,
         start: plan.start(),

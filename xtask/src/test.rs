@@ -47,7 +47,12 @@ pub fn run(board: Board, rest: &[String]) -> anyhow::Result<()> {
             ];
             run_system(&BOARD_C_TESTS, "board_c::", images, rest)
         }
-        Board::KitF103rc => run_system(&KIT_TESTS, "kit::", [("OMNIBUS_ELF_KIT", kit()?)], rest),
+        Board::KitF103rc => {
+            // One load is on it and on reference boards.
+            let reference = firmware::build(Scalar::F32)?;
+            let images = [("OMNIBUS_ELF", reference), ("OMNIBUS_ELF_KIT", kit()?)];
+            run_system(&KIT_TESTS, "kit::", images, rest)
+        }
     }
 }
 
