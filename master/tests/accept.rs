@@ -7,7 +7,7 @@ use kinematics::{Pose, VelocityCompensation};
 use omnibus::abort::Abort;
 use omnibus::accept::floor::{Errors, Floor, level_three};
 use omnibus::accept::hand::{Hand, Prepared, Task};
-use omnibus::accept::{AcceptError, Options, level_two};
+use omnibus::accept::{AcceptError, Options, Step, level_two};
 use omnibus::error::MasterError;
 use omnibus::path::course::Course;
 use omnibus::path::curve::Curve;
@@ -288,13 +288,13 @@ fn a_wish_to_stop_leaves_the_robots_standing_at_any_moment() {
         let mut session = session(&file);
         let abort = session.abort();
         let mut given = 0;
-        let mut announce = |_: &str| {
-            given += 1;
+        let mut show = |shown: Step<'_>| {
+            given += usize::from(matches!(shown, Step::Begins(_)));
             if given == step {
                 abort.ask();
             }
         };
-        let ended = level_two(&mut session, &mut Injection, &options(), &mut announce);
+        let ended = level_two(&mut session, &mut Injection, &options(), &mut show);
         if ended.is_ok() {
             assert!(step > 14, "{step} steps");
             break;

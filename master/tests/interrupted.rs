@@ -5,6 +5,7 @@ mod common;
 
 use std::io::{BufRead as _, BufReader, Write as _};
 use std::net::{Shutdown, TcpListener, TcpStream};
+use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
@@ -237,4 +238,45 @@ fn ctrl_c_at_any_moment_of_a_wheel_test() {
 #[test]
 fn ctrl_c_at_any_moment_of_an_identification() {
     at_any_moment(&["identify-motors", "--node", "2", "--wheels-free"]);
+}
+
+/// What was found before a Ctrl-C is in the report, which says that the rest was not tried; the
+/// next trial begins anew.
+#[test]
+fn ctrl_c_in_an_acceptance_keeps_what_was_found() {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("accept-interrupted");
+    let _ = std::fs::remove_dir_all(&folder);
+    let arguments = [
+        "accept",
+        "--level",
+        "2",
+        "--wheels-free",
+        "--skip",
+        "fault",
+        "--report",
+    ];
+    let arguments = [&arguments[..], &[folder.to_str().unwrap()]].concat();
+    let trial = |stop| {
+        let (_served, bus) = serve();
+        let ended = run(&arguments, &bus, stop);
+        let text = std::fs::read(folder.join("report.json")).unwrap();
+        let report: serde_json::Value = serde_json::from_slice(&text).unwrap();
+        let checks = report["checks"].as_array().unwrap().iter();
+        let kept = checks.filter(|check| check["within"] == true);
+        let kept: Vec<String> = kept.map(|check| check["name"].to_string()).collect();
+        (ended, report["limits"].to_string(), kept)
+    };
+    let all = ["wheels.2", "wheels.3", "motors.2", "motors.3"].map(|name| format!("\"{name}\""));
+
+    let (whole, limits, kept) = trial(usize::MAX);
+    assert_eq!((whole.code, kept), (Some(0), all.to_vec()));
+    assert!(!limits.contains("not tried"), "{limits}");
+    let (ended, limits, kept) = trial(whole.sent * 9 / 10);
+    assert_eq!((ended.code, kept), (Some(130), all[..3].to_vec()));
+    assert!(
+        limits.contains("stopped by the user: what is not listed was not tried"),
+        "{limits}"
+    );
+    let (ended, _, kept) = trial(usize::MAX);
+    assert_eq!((ended.code, kept), (Some(0), all.to_vec()));
 }

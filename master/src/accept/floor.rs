@@ -8,7 +8,7 @@
 use acceptance::promise::{self, ACCEPTANCE};
 use acceptance::{Bound, Check};
 
-use super::{AcceptError, not_tried};
+use super::{AcceptError, Step, not_tried};
 use crate::path::curve::Curve;
 use crate::run::DriveError;
 
@@ -93,14 +93,14 @@ pub trait Floor {
     fn predict(&mut self, curve: Curve, compensation: bool) -> Result<Option<Errors>, DriveError>;
 }
 
-/// Level 3; `announce` is told what is being done.
+/// Level 3.
 ///
 /// # Errors
 /// When a drive fails.
 pub fn level_three(
     floor: &mut dyn Floor,
     skip: &[String],
-    announce: &mut dyn FnMut(&str),
+    show: &mut dyn FnMut(Step<'_>),
 ) -> Result<Vec<Check>, AcceptError> {
     let promise = promise::number(ACCEPTANCE, "turned angle are within", "% of what was asked")?;
     let mut checks = Vec::new();
@@ -122,13 +122,14 @@ pub fn level_three(
         let mut both = [(Errors::default(), None); 2];
         for (result, compensation) in both.iter_mut().zip([false, true]) {
             let how = if compensation { "with" } else { "without" };
-            announce(&format!("{name}, {how} compensation"));
+            show(Step::Begins(&format!("{name}, {how} compensation")));
             let predicted = floor.predict(curve, compensation)?;
             *result = (floor.drive(curve, compensation)?, predicted);
         }
         for (figure, name) in names {
             checks.push(check(name, figure, bound, &promise.source, &both));
         }
+        show(Step::Found(&checks));
     }
     Ok(checks)
 }

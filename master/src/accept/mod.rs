@@ -14,7 +14,8 @@
 //!
 //! # Limits
 //!
-//! An error of the link, and a wish to stop, end the whole; the group has been told to stand then.
+//! An error of the link, and a wish to stop, end the whole; the group has been told to stand then,
+//! and what was found before has been handed over. A trial cannot be resumed: the next begins anew.
 
 pub mod faults;
 pub mod floor;
@@ -68,12 +69,20 @@ pub struct Trial<'a, L: Link, H> {
     watched: u8,
     speed: f32,
     skip: &'a [String],
-    announce: &'a mut dyn FnMut(&str),
+    show: &'a mut dyn FnMut(Step<'_>),
     checks: Vec<Check>,
 }
 
-/// Level 2; `announce` is told what is being done. The group stands when it returns, however that
-/// is.
+/// What a trial shows while it goes on.
+pub enum Step<'a> {
+    /// What is done now.
+    Begins(&'a str),
+    /// What was found so far: after every robot and cause at level 2, every curve at level 3. A
+    /// trial that ends early leaves that behind.
+    Found(&'a [Check]),
+}
+
+/// Level 2. The group stands when it returns, however that is.
 ///
 /// # Errors
 /// When the group cannot be reached, or the whole is to be stopped.
@@ -81,7 +90,7 @@ pub fn level_two<L: Link, H: Hand<L>>(
     group: &mut Group<L>,
     hand: &mut H,
     options: &Options,
-    announce: &mut dyn FnMut(&str),
+    show: &mut dyn FnMut(Step<'_>),
 ) -> Result<Vec<Check>, AcceptError> {
     let mut trial = Trial {
         group,
@@ -89,7 +98,7 @@ pub fn level_two<L: Link, H: Hand<L>>(
         watched: options.watched,
         speed: options.speed,
         skip: &options.skip,
-        announce,
+        show,
         checks: Vec::new(),
     };
     let done = trial.all();
@@ -107,6 +116,11 @@ impl<L: Link, H: Hand<L>> Trial<'_, L, H> {
         self.wheels()?;
         self.motors()?;
         self.faults()
+    }
+
+    /// Shows what was found so far.
+    fn show_found(&mut self) {
+        (self.show)(Step::Found(&self.checks));
     }
 
     /// Whether a check is left out.
@@ -127,7 +141,7 @@ impl<L: Link, H: Hand<L>> Trial<'_, L, H> {
                     .push(not_tried(name, bound, "wheels", source, reason));
                 continue;
             }
-            (self.announce)(&format!("turning the wheels of node {node}"));
+            (self.show)(Step::Begins(&format!("turning the wheels of node {node}")));
             let mut look = |_| Ok(None);
             let wire = self.group.wire();
             let found = test_wheels(wire, node, period, &mut look, &mut |_| abort.check());
@@ -148,6 +162,7 @@ impl<L: Link, H: Hand<L>> Trial<'_, L, H> {
                 }
                 Err(error) => self.gave_up(name, source, error)?,
             }
+            self.show_found();
         }
         Ok(())
     }
@@ -165,7 +180,9 @@ impl<L: Link, H: Hand<L>> Trial<'_, L, H> {
                     .push(not_tried(name, bound, "motors", source, reason));
                 continue;
             }
-            (self.announce)(&format!("identifying the motors of node {node}"));
+            (self.show)(Step::Begins(&format!(
+                "identifying the motors of node {node}"
+            )));
             let (wire, settings) = (self.group.wire(), Settings::default());
             match identify_motors(wire, node, period, &settings, &mut |_| abort.check()) {
                 Ok(motors) => {
@@ -176,6 +193,7 @@ impl<L: Link, H: Hand<L>> Trial<'_, L, H> {
                 }
                 Err(error) => self.gave_up(name, source, error)?,
             }
+            self.show_found();
         }
         Ok(())
     }

@@ -8,15 +8,15 @@ use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::Duration;
 
+use acceptance::Check;
 use acceptance::report::{self, Count, Subject};
-use acceptance::{Check, Outcome};
 use anyhow::{Context as _, bail};
 use canopen::Micros;
 use group::GroupFile;
 use omnibus::abort::Abort;
 use omnibus::accept::floor::{Errors, Floor, level_three};
 use omnibus::accept::hand::{Hand, Prepared, Task};
-use omnibus::accept::{self, level_two};
+use omnibus::accept::{self, Step, level_two};
 use omnibus::bus::address::BusAddress;
 use omnibus::bus::link::Link;
 use omnibus::error::MasterError;
@@ -27,7 +27,7 @@ use omnibus::run::{self, Drive, DriveError, Feedback, Source};
 use omnibus::session::Group;
 use protocol::{Kind, address};
 
-use super::output::{Found, Progress};
+use super::output::{Found, Progress, exit_code};
 use super::{Target, print_line, print_note};
 
 const EXAMPLES: &str = "Examples:
@@ -49,6 +49,9 @@ const STEPS: f64 = 10_000.0;
 
 /// What emulated robots measure at level 2: `docs/acceptance.md` tells how it is made.
 const EMULATED: &str = include_str!("../../../acceptance/emulated/level-2.json");
+
+/// What a report says while its trial goes on, and after the program was killed.
+const UNFINISHED: &str = "the trial ended early: what is not listed was not tried";
 
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
@@ -89,42 +92,100 @@ pub struct Arguments {
 /// `omnibus accept`.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let group = arguments.target.group()?;
-    let mut checks = match arguments.level {
-        2 => on_stands(arguments, &group)?,
-        _ => on_the_floor(arguments, &group)?,
+    let mut kept = Kept {
+        arguments,
+        subject: subject(arguments, &group, "not read"),
+        checks: Vec::new(),
     };
-    if arguments.level == 2 {
-        let emulated = serde_json::from_str(EMULATED).context("the emulated figures")?;
-        report::expect(&mut checks.1, &emulated);
+    let done = match arguments.level {
+        2 => on_stands(arguments, &group, &mut kept),
+        _ => on_the_floor(arguments, &group, &mut kept),
+    };
+    if let Err(error) = done {
+        if !kept.checks.is_empty() {
+            kept.subject.limits.insert(0, ended_early(&error));
+            kept.write()?;
+            kept.print()?;
+        }
+        return Err(error);
     }
-    let (subject, checks) = checks;
-    if let Some(folder) = &arguments.report {
+    kept.write()?;
+    kept.print()?;
+    let count = Count::of(&kept.checks);
+    if count.missed > 0 {
+        return Err(Found(format!("{}: {count}", group.name)).into());
+    }
+    Ok(())
+}
+
+/// What a report says whose trial has not come to its end.
+fn ended_early(error: &anyhow::Error) -> String {
+    const REST: &str = "what is not listed was not tried";
+    match exit_code(error) {
+        130 => format!("stopped by the user: {REST}"),
+        _ => format!("ended early, because {error:#}: {REST}"),
+    }
+}
+
+/// What was found so far, in memory and, with `--report`, in the folder.
+struct Kept<'a> {
+    arguments: &'a Arguments,
+    subject: Subject,
+    checks: Vec<Check>,
+}
+
+impl Kept<'_> {
+    /// Takes in what was found so far; a report that cannot be written is said and does not end
+    /// the trial.
+    fn so_far(&mut self, checks: &[Check]) {
+        self.checks = checks.to_vec();
+        if self.arguments.level == 2
+            && let Ok(emulated) = serde_json::from_str(EMULATED)
+        {
+            report::expect(&mut self.checks, &emulated);
+        }
+        let mut subject = self.subject.clone();
+        subject.limits.insert(0, UNFINISHED.to_owned());
+        if let Err(error) = self.write_as(&subject) {
+            print_note(format!("{error:#}"));
+        }
+    }
+
+    fn write(&self) -> anyhow::Result<()> {
+        self.write_as(&self.subject)
+    }
+
+    fn write_as(&self, subject: &Subject) -> anyhow::Result<()> {
+        let Some(folder) = &self.arguments.report else {
+            return Ok(());
+        };
         let named = |name: &str| folder.join(name);
         std::fs::create_dir_all(folder)
             .with_context(|| format!("cannot make {}", folder.display()))?;
-        let text = serde_json::to_string_pretty(&report::json(&subject, &checks))? + "\n";
+        let text = serde_json::to_string_pretty(&report::json(subject, &self.checks))? + "\n";
         for (path, text) in [
             (named("report.json"), text),
-            (named("report.html"), report::html(&subject, &checks)),
+            (named("report.html"), report::html(subject, &self.checks)),
         ] {
             file::replace(&path, text)
                 .with_context(|| format!("cannot write {}", path.display()))?;
         }
+        Ok(())
     }
-    let count = Count::of(&checks);
-    if super::json() {
-        super::print_json(&report::json(&subject, &checks))?;
-    } else {
-        for check in &checks {
+
+    fn print(&self) -> anyhow::Result<()> {
+        if super::json() {
+            return super::print_json(&report::json(&self.subject, &self.checks));
+        }
+        for check in &self.checks {
             print_line(report::line(check))?;
         }
-        print_line(format_args!("\n{count}"))?;
+        print_line(format_args!("\n{}", Count::of(&self.checks)))?;
+        for limit in &self.subject.limits {
+            print_line(format_args!("  {limit}"))?;
+        }
+        Ok(())
     }
-    let missed = |check: &&Check| check.outcome() == Outcome::Missed;
-    if checks.iter().any(|check| missed(&check)) {
-        return Err(Found(format!("{}: {count}", group.name)).into());
-    }
-    Ok(())
 }
 
 /// What was tried.
@@ -164,7 +225,7 @@ fn firmware<L: Link>(group: &mut Group<L>, node: u8) -> Result<String, MasterErr
 }
 
 /// Level 2.
-fn on_stands(arguments: &Arguments, group: &GroupFile) -> anyhow::Result<(Subject, Vec<Check>)> {
+fn on_stands(arguments: &Arguments, group: &GroupFile, kept: &mut Kept<'_>) -> anyhow::Result<()> {
     let first = group.robots.first().map_or(0, |robot| robot.node);
     let watched = arguments.node.unwrap_or(first);
     if !group.robots.iter().any(|robot| robot.node == watched) {
@@ -195,13 +256,8 @@ fn on_stands(arguments: &Arguments, group: &GroupFile) -> anyhow::Result<(Subjec
         BusAddress::Sim(_) => {
             let link = arguments.target.simulated(group)?;
             let mut hand = omnibus::simulation::hand::Injection;
-            stand_by(
-                arguments,
-                Group::connect(link, group)?,
-                &mut hand,
-                &options,
-                abort,
-            )
+            let session = Group::connect(link, group)?;
+            stand_by(session, &mut hand, &options, abort, kept)
         }
         _ => {
             let link = arguments.target.command(group)?;
@@ -210,33 +266,29 @@ fn on_stands(arguments: &Arguments, group: &GroupFile) -> anyhow::Result<(Subjec
                 abort: abort.clone(),
                 patience_us: u64::from(arguments.patience) * 1_000_000,
             };
-            stand_by(
-                arguments,
-                Group::connect(link, group)?,
-                &mut person,
-                &options,
-                abort,
-            )
+            let session = Group::connect(link, group)?;
+            stand_by(session, &mut person, &options, abort, kept)
         }
     }
 }
 
 fn stand_by<L: Link, H: Hand<L>>(
-    arguments: &Arguments,
     mut group: Group<L>,
     hand: &mut H,
     options: &accept::Options,
     abort: Abort,
-) -> anyhow::Result<(Subject, Vec<Check>)> {
+    kept: &mut Kept<'_>,
+) -> anyhow::Result<()> {
     group.set_abort(abort);
     let firmware = firmware(&mut group, options.watched)?;
-    let subject = subject(arguments, group.config(), &firmware);
+    kept.subject = subject(kept.arguments, group.config(), &firmware);
     let progress = Progress::endless("level 2");
-    let mut announce = |text: &str| progress.aside(|| print_note(text));
-    Ok((
-        subject,
-        level_two(&mut group, hand, options, &mut announce)?,
-    ))
+    let mut show = |step: Step<'_>| match step {
+        Step::Begins(text) => progress.aside(|| print_note(text)),
+        Step::Found(checks) => kept.so_far(checks),
+    };
+    level_two(&mut group, hand, options, &mut show)?;
+    Ok(())
 }
 
 /// A person, who is asked in the terminal.
@@ -293,7 +345,11 @@ impl<L: Link> Hand<L> for Person {
 }
 
 /// Level 3.
-fn on_the_floor(arguments: &Arguments, group: &GroupFile) -> anyhow::Result<(Subject, Vec<Check>)> {
+fn on_the_floor(
+    arguments: &Arguments,
+    group: &GroupFile,
+    kept: &mut Kept<'_>,
+) -> anyhow::Result<()> {
     let simulated = matches!(arguments.target.bus, BusAddress::Sim(_));
     if !simulated && !arguments.tape && !matches!(arguments.pose, Some(Source::Stream(_))) {
         usage!(
@@ -314,9 +370,13 @@ fn on_the_floor(arguments: &Arguments, group: &GroupFile) -> anyhow::Result<(Sub
         abort: super::abort_on_ctrl_c()?,
         answers: arguments.tape.then(super::calibrate::tape::answers),
     };
-    let mut announce = |text: &str| print_note(text);
-    let checks = level_three(&mut floor, &arguments.skip, &mut announce)?;
-    Ok((subject(arguments, group, "as built"), checks))
+    kept.subject = subject(arguments, group, "as built");
+    let mut show = |step: Step<'_>| match step {
+        Step::Begins(text) => print_note(text),
+        Step::Found(checks) => kept.so_far(checks),
+    };
+    level_three(&mut floor, &arguments.skip, &mut show)?;
+    Ok(())
 }
 
 /// Drives curves on the floor, and measures.

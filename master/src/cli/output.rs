@@ -14,6 +14,7 @@ use std::time::Duration;
 use anyhow::Context as _;
 use comfy_table::{ContentArrangement, Table, presets};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use omnibus::accept::AcceptError;
 use omnibus::bus::link::LinkError;
 use omnibus::commission::calibrate::CalibrateError;
 use omnibus::error::MasterError;
@@ -234,19 +235,24 @@ pub fn print_error(error: &anyhow::Error) {
     eprintln!("{red}error:{plain} {error:#}");
 }
 
+/// The master's error that an error is. Those that hold it do not have it in their chains.
+fn master_error<'a>(error: &'a (dyn std::error::Error + 'static)) -> Option<&'a MasterError> {
+    if let Some(DriveError::Master(inner)) = error.downcast_ref() {
+        Some(inner)
+    } else if let Some(CalibrateError::Master(inner)) = error.downcast_ref() {
+        Some(inner)
+    } else if let Some(AcceptError::Master(inner) | AcceptError::Drive(DriveError::Master(inner))) =
+        error.downcast_ref()
+    {
+        Some(inner)
+    } else {
+        error.downcast_ref()
+    }
+}
+
 /// The exit code that an error stands for, see [`EXIT_CODES`].
 pub fn exit_code(error: &anyhow::Error) -> u8 {
-    let master = error.chain().find_map(|cause| {
-        let inner = cause.downcast_ref::<DriveError>().and_then(|e| match e {
-            DriveError::Master(error) => Some(error),
-            _ => None,
-        });
-        let inner = inner.or_else(|| match cause.downcast_ref::<CalibrateError>() {
-            Some(CalibrateError::Master(error)) => Some(error),
-            _ => None,
-        });
-        inner.or_else(|| cause.downcast_ref::<MasterError>())
-    });
+    let master = error.chain().find_map(master_error);
     if error.downcast_ref::<Found>().is_some() {
         return 6;
     }

@@ -32,7 +32,7 @@ use protocol::{Address, Code, Kind, MemberState, Value, address};
 use cases::{CASES, Means};
 
 use super::hand::{Hand, Prepared, Task};
-use super::{AcceptError, Trial, not_tried};
+use super::{AcceptError, Step, Trial, not_tried};
 use crate::bus::link::Link;
 use crate::error::MasterError;
 use crate::session::STOP_PATIENCE_US;
@@ -91,7 +91,7 @@ impl<L: Link, H: Hand<L>> Trial<'_, L, H> {
                 self.skip_cause(&promise, reason);
                 continue;
             }
-            (self.announce)(&format!("{number}: {}", promise.cause));
+            (self.show)(Step::Begins(&format!("{number}: {}", promise.cause)));
             match self.fault(&promise, *means) {
                 Ok(None) => {}
                 Ok(Some(reason)) => self.skip_cause(&promise, reason),
@@ -102,6 +102,7 @@ impl<L: Link, H: Hand<L>> Trial<'_, L, H> {
                 }
                 Err(error) => return Err(error),
             }
+            self.show_found();
         }
         Ok(())
     }
