@@ -3,7 +3,7 @@
 //! # Theory of operation
 //!
 //! Sixteen words at the end of each slot, which are written one after the other and erased with
-//! the slot; before that, words 0 and 1 [discard](discard) it:
+//! the slot; before that, words 0 and 1 [discard] it:
 //!
 //! | word | written | |
 //! |---|---|---|
