@@ -49,6 +49,7 @@ pub const FIGURES: &[(&str, Covered)] = &[
         "bus.",
         Not("it is the length of frames, which no board changes"),
     ),
+    ("f103.", Not("no self-test image is for its board")),
     ("accuracy.", Not("it is arithmetic, the same on every core")),
 ];
 

@@ -241,7 +241,7 @@ fn ctrl_c_at_any_moment_of_an_identification() {
 }
 
 /// What was found before a Ctrl-C is in the report, which says that the rest was not tried; the
-/// next trial begins anew.
+/// report of the next trial has everything.
 #[test]
 fn ctrl_c_in_an_acceptance_keeps_what_was_found() {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("accept-interrupted");

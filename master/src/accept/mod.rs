@@ -15,7 +15,7 @@
 //! # Limits
 //!
 //! An error of the link, and a wish to stop, end the whole; the group has been told to stand then,
-//! and what was found before has been handed over. A trial cannot be resumed: the next begins anew.
+//! and what was found before has been shown. A trial cannot be resumed.
 
 pub mod faults;
 pub mod floor;

@@ -92,26 +92,26 @@ pub struct Arguments {
 /// `omnibus accept`.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let group = arguments.target.group()?;
-    let mut kept = Kept {
+    let mut findings = Findings {
         arguments,
         subject: subject(arguments, &group, "not read"),
         checks: Vec::new(),
     };
     let done = match arguments.level {
-        2 => on_stands(arguments, &group, &mut kept),
-        _ => on_the_floor(arguments, &group, &mut kept),
+        2 => on_stands(arguments, &group, &mut findings),
+        _ => on_the_floor(arguments, &group, &mut findings),
     };
     if let Err(error) = done {
-        if !kept.checks.is_empty() {
-            kept.subject.limits.insert(0, ended_early(&error));
-            kept.write()?;
-            kept.print()?;
+        if !findings.checks.is_empty() {
+            findings.subject.limits.insert(0, ended_early(&error));
+            findings.write()?;
+            findings.print()?;
         }
         return Err(error);
     }
-    kept.write()?;
-    kept.print()?;
-    let count = Count::of(&kept.checks);
+    findings.write()?;
+    findings.print()?;
+    let count = Count::of(&findings.checks);
     if count.missed > 0 {
         return Err(Found(format!("{}: {count}", group.name)).into());
     }
@@ -128,13 +128,13 @@ fn ended_early(error: &anyhow::Error) -> String {
 }
 
 /// What was found so far, in memory and, with `--report`, in the folder.
-struct Kept<'a> {
+struct Findings<'a> {
     arguments: &'a Arguments,
     subject: Subject,
     checks: Vec<Check>,
 }
 
-impl Kept<'_> {
+impl Findings<'_> {
     /// Takes in what was found so far; a report that cannot be written is said and does not end
     /// the trial.
     fn so_far(&mut self, checks: &[Check]) {
@@ -225,7 +225,11 @@ fn firmware<L: Link>(group: &mut Group<L>, node: u8) -> Result<String, MasterErr
 }
 
 /// Level 2.
-fn on_stands(arguments: &Arguments, group: &GroupFile, kept: &mut Kept<'_>) -> anyhow::Result<()> {
+fn on_stands(
+    arguments: &Arguments,
+    group: &GroupFile,
+    findings: &mut Findings<'_>,
+) -> anyhow::Result<()> {
     let first = group.robots.first().map_or(0, |robot| robot.node);
     let watched = arguments.node.unwrap_or(first);
     if !group.robots.iter().any(|robot| robot.node == watched) {
@@ -257,7 +261,7 @@ fn on_stands(arguments: &Arguments, group: &GroupFile, kept: &mut Kept<'_>) -> a
             let link = arguments.target.simulated(group)?;
             let mut hand = omnibus::simulation::hand::Injection;
             let session = Group::connect(link, group)?;
-            stand_by(session, &mut hand, &options, abort, kept)
+            stand_by(session, &mut hand, &options, abort, findings)
         }
         _ => {
             let link = arguments.target.command(group)?;
@@ -267,7 +271,7 @@ fn on_stands(arguments: &Arguments, group: &GroupFile, kept: &mut Kept<'_>) -> a
                 patience_us: u64::from(arguments.patience) * 1_000_000,
             };
             let session = Group::connect(link, group)?;
-            stand_by(session, &mut person, &options, abort, kept)
+            stand_by(session, &mut person, &options, abort, findings)
         }
     }
 }
@@ -277,15 +281,15 @@ fn stand_by<L: Link, H: Hand<L>>(
     hand: &mut H,
     options: &accept::Options,
     abort: Abort,
-    kept: &mut Kept<'_>,
+    findings: &mut Findings<'_>,
 ) -> anyhow::Result<()> {
     group.set_abort(abort);
     let firmware = firmware(&mut group, options.watched)?;
-    kept.subject = subject(kept.arguments, group.config(), &firmware);
+    findings.subject = subject(findings.arguments, group.config(), &firmware);
     let progress = Progress::endless("level 2");
     let mut show = |step: Step<'_>| match step {
         Step::Begins(text) => progress.aside(|| print_note(text)),
-        Step::Found(checks) => kept.so_far(checks),
+        Step::Found(checks) => findings.so_far(checks),
     };
     level_two(&mut group, hand, options, &mut show)?;
     Ok(())
@@ -348,7 +352,7 @@ impl<L: Link> Hand<L> for Person {
 fn on_the_floor(
     arguments: &Arguments,
     group: &GroupFile,
-    kept: &mut Kept<'_>,
+    findings: &mut Findings<'_>,
 ) -> anyhow::Result<()> {
     let simulated = matches!(arguments.target.bus, BusAddress::Sim(_));
     if !simulated && !arguments.tape && !matches!(arguments.pose, Some(Source::Stream(_))) {
@@ -370,10 +374,10 @@ fn on_the_floor(
         abort: super::abort_on_ctrl_c()?,
         answers: arguments.tape.then(super::calibrate::tape::answers),
     };
-    kept.subject = subject(arguments, group, "as built");
+    findings.subject = subject(arguments, group, "as built");
     let mut show = |step: Step<'_>| match step {
         Step::Begins(text) => print_note(text),
-        Step::Found(checks) => kept.so_far(checks),
+        Step::Found(checks) => findings.so_far(checks),
     };
     level_three(&mut floor, &arguments.skip, &mut show)?;
     Ok(())
