@@ -291,6 +291,21 @@ impl World {
         }
     }
 
+    /// Spreads the frames that were queued just now over as much time from now on. For a computer
+    /// that was late by `over_ns` and learns of them together: they came one after the other during
+    /// that time, so that is how they go onto the bus.
+    pub fn spread_queued(&mut self, over_ns: u64) {
+        for queues in &mut self.ports {
+            let ready_ns = self.now_ns + self.port_delay_ns;
+            let new = queues.send.iter_mut().filter(|(at, _)| *at == ready_ns);
+            let new: Vec<&mut u64> = new.map(|(at, _)| at).collect();
+            let count = new.len() as u64;
+            for (place, at) in (0..count).zip(new) {
+                *at += over_ns * place / count;
+            }
+        }
+    }
+
     /// Sets whether received frames are kept at a port. A new port keeps them; a port that does not
     /// still acknowledges frames.
     pub fn set_listening(&mut self, port: Port, listening: bool) {

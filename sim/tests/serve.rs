@@ -437,6 +437,38 @@ fn bad_input_is_named() {
 }
 
 /// Time goes as far as its only client waits, however long that takes, and stands otherwise.
+/// A stopped process is what a busy computer makes of it: it learns of six SYNCs at once.
+#[test]
+fn frames_that_came_while_the_simulator_was_late_are_not_sent_all_at_once() {
+    const PERIOD: Duration = Duration::from_millis(10);
+    let log = scratch("late.log");
+    let served = Served::new(&["--slcan-tcp", "127.0.0.1:0", "--log", &log]);
+    let mut client = served.connect("slcan-tcp");
+    client.get_mut().write_all(b"S8\rO\r").unwrap();
+    let pid = served.child.id().to_string();
+    let signal = |name: &str| Command::new("kill").args([name, &pid]).status().unwrap();
+    std::thread::sleep(10 * PERIOD);
+    assert!(signal("-STOP").success());
+    for _ in 0..6 {
+        client.get_mut().write_all(b"t0800\r").unwrap();
+        std::thread::sleep(PERIOD);
+    }
+    assert!(signal("-CONT").success());
+    std::thread::sleep(10 * PERIOD);
+    served.end("-INT");
+    let log = std::fs::read_to_string(log).unwrap();
+    let times: Vec<f64> = log
+        .lines()
+        .filter(|line| line.contains(" 080#"))
+        .map(|line| line[1..].split_once(')').unwrap().0.parse().unwrap())
+        .collect();
+    assert_eq!(times.len(), 6, "{log}");
+    // Six in at least 60 ms: 10 ms apart, half of it for the stop itself and the clock's grain.
+    for pair in times.windows(2) {
+        assert!(pair[1] - pair[0] > 0.005, "{times:?}");
+    }
+}
+
 #[test]
 fn time_waits_for_a_lockstep_client() {
     let served = Served::new(&["--lockstep", "127.0.0.1:0", "--pose-tcp", "127.0.0.1:0"]);

@@ -15,11 +15,12 @@ from mcap.reader import make_reader
 from mcap.records import Channel, Message
 from mcap.stream_reader import StreamReader
 
+from real_time import drives_in_real_time, in_real_time
+
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 GROUP = ROOT / "groups" / "tcc-2.toml"
 OMNIBUS = os.environ["OMNIBUS"]
 PATIENCE = 60.0
-ATTEMPTS = 8
 # A drive of 2 s has this many SYNCs at 100 Hz, and more on the way there and back, where the master gets its turns.
 SYNCS = 205
 
@@ -68,18 +69,11 @@ def frames(path):
     return [(value["id"], value["data"]) for *_, value in messages(path, "/can")]
 
 
+@drives_in_real_time
 class Recording(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
-        """A drive in real time needs a machine with time for it; where the master itself says that there was none, or
-        had to leave out SYNCs, the drive is another one."""
-        for _ in range(ATTEMPTS - 1):
-            try:
-                return cls.record()
-            except Failed as failed:
-                if "machine was too busy" not in str(failed):
-                    raise
-        cls.record()
+        in_real_time(cls.record, "the recorded drive", cls.doClassCleanups)
 
     @classmethod
     def record(cls):

@@ -23,6 +23,7 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from page import Client
+from real_time import drives_in_real_time
 from ros_peer import (
     DOMAIN, ROOT, STORE, Node, Peer, Repeated, RosTest, Watcher, new, stamped, taken, twist, udp_ports, until,
 )
@@ -311,6 +312,7 @@ class Links(RosTest):
         self.assertIn("the robots were ramped down and switched off", node.said[1])
 
 
+@drives_in_real_time
 class Bus(RosTest):
     """A bus that others reach, too: the simulated world in a process of its own."""
 

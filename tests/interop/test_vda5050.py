@@ -16,6 +16,7 @@ import jsonschema
 from fleet import (
     MOSQUITTO, PATIENCE, QUARTER, ROOT, Broker, Fleet, Proxy, Vehicles, free_port, idle, order, remaining, wait_for_port,
 )
+from real_time import drives_in_real_time
 
 SERIAL = "tcc-3"
 
@@ -300,6 +301,7 @@ class Line(Vehicles):
         self.assertEqual(steps, [["n1", "n2", "n3"], ["n2", "n3"], ["n3"], []])
 
 
+@drives_in_real_time
 class Fault(Vehicles):
     def test_a_robot_that_fails_in_the_middle_and_poses_from_outside(self):
         broker = Broker(self)

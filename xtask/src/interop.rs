@@ -181,7 +181,7 @@ fn fast_peer(tests: &Path) -> anyhow::Result<PathBuf> {
     Ok(program)
 }
 
-/// Keeps the machine's processors from sleeping, at the lowest priority.
+/// Keeps the machine's processors from sleeping, and yields them to everybody else at once.
 ///
 /// A virtual machine that sleeps between two SYNCs may be given its processors back 10 to 20 ms
 /// late. Most of what is driven here in real time then ends in a lost SYNC, on a machine that has
@@ -189,17 +189,22 @@ fn fast_peer(tests: &Path) -> anyhow::Result<PathBuf> {
 struct Awake(Vec<Child>);
 
 /// Ends with the process that started it, however that ends.
-const SPIN: &str =
-    "import os\nparent = os.getppid()\nwhile os.getppid() == parent:\n    sum(range(1_000_000))\n";
+const SPIN: &str = "import os
+os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+parent = os.getppid()
+while os.getppid() == parent:
+    sum(range(1_000_000))
+";
 
 impl Awake {
     fn new(python: &Path) -> anyhow::Result<Self> {
         let processors = std::thread::available_parallelism().map_or(1, usize::from);
         let mut awake = Self(Vec::with_capacity(processors));
         for _ in 0..processors {
-            let mut spin = Command::new("nice");
-            spin.args(["-n", "19"]).arg(python).args(["-c", SPIN]);
-            awake.0.push(spin.spawn().context("nice")?);
+            let spin = Command::new(python).args(["-c", SPIN]).spawn();
+            awake
+                .0
+                .push(spin.with_context(|| python.display().to_string())?);
         }
         Ok(awake)
     }

@@ -26,6 +26,8 @@ const SLICE: Micros = Micros(500);
 const LAG: Duration = Duration::from_millis(200);
 /// Further behind than this, robots and master may miss each other's frames: it is said.
 const LATE: Duration = Duration::from_millis(20);
+/// Further behind than this, frames have come together that were sent apart.
+const BUNCHED: Duration = Duration::from_millis(2);
 /// How often it is said at most.
 const REPORT_EVERY: Duration = Duration::from_secs(1);
 /// How long to wait before an endpoint that holds the time is asked again.
@@ -179,6 +181,12 @@ fn run(
         faults.listen(world.now_ns());
         let now = world.now();
         let limit = endpoints.iter().filter_map(|one| one.limit(now)).min();
+        if pace.speed == Speed::Real && limit.is_none() {
+            let lag = began.elapsed().saturating_sub(Duration::from_micros(now.0));
+            if lag > BUNCHED {
+                world.spread_queued(lag.min(LAG).as_nanos() as u64);
+            }
+        }
         let to = limit.map_or(now + SLICE, |limit| limit.min(now + SLICE));
         let to = to.min(pace.until);
         if to <= now {
