@@ -22,8 +22,8 @@ use defmt::unwrap;
 use embassy_executor::Spawner;
 use embassy_time::{Duration, Timer};
 use protocol::self_test::{
-    BITS, CLOCK, ENCODER, FAIL, FLASH, HALT, LEVELS, METERS, NAME, OTHERS, OUTPUTS, OWN, PANIC,
-    PIN, RESET, STOP, WATCHED, WAVE,
+    BITS, CHIP, CLOCK, ENCODER, FAIL, FLASH, HALT, LEVELS, METERS, NAME, OTHERS, OUTPUTS, OWN,
+    PANIC, PIN, RESET, STOP, WATCHED, WAVE,
 };
 use robot::record_store::Flash as _;
 
@@ -325,6 +325,7 @@ impl Bench {
             (CLOCK, 1) => (now().0 as u32, 4),
             (CLOCK, 2) => (probe::core_hz(), 4),
             (CLOCK, 3) => (u32::from(probe::over_drive()), 1),
+            (CHIP, 1) => (probe::chip(), 4),
             (FLASH, 2) => (self.flash_times.erase, 4),
             (FLASH, 3) => (self.flash_times.word, 4),
             (FLASH, 4) => (u32::from(self.flash_times.wrong), 2),

@@ -6,6 +6,8 @@ use crate::system::gpio::{PinLevel, Port};
 /// the [`BoardConfig`](crate::BoardConfig) anyway.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Defect {
+    /// DBGMCU_IDCODE has another device number.
+    Device(u32),
     /// The break input of this timer is connected to nothing.
     BreakInput(usize),
     /// This timer counts at a fraction of its clock.
@@ -57,6 +59,15 @@ impl Defects {
     /// The largest factor that `of` finds, or 1.
     fn factor(&self, of: impl Fn(&Defect) -> Option<u64>) -> u64 {
         self.0.iter().filter_map(of).max().unwrap_or(1)
+    }
+
+    /// The chip's device number and revision.
+    pub(crate) fn id_code(&self, real: u32) -> u32 {
+        let found = self.0.iter().find_map(|defect| match *defect {
+            Defect::Device(number) => Some(real & !0xFFF | number),
+            _ => None,
+        });
+        found.unwrap_or(real)
     }
 
     /// Divider of a timer's clock.

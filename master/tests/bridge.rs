@@ -128,14 +128,22 @@ fn a_velocity_is_followed_until_it_expires() {
 #[test]
 fn what_is_no_message_ends_the_connection() {
     let (child, address, _notes) = listening();
-    for bad in [
-        "GET / HTTP/1.1",
-        "{}",
-        r#"{"type":"jump"}"#,
-        r#"{"type":"twist","vx":"0.1"}"#,
-        r#"{"type":"twist","vx":0.1,"speed":1}"#,
-        r#"{"type":"stop","now":true}"#,
-        &format!("{{\"type\":\"{}\"}}", "x".repeat(2000)),
+    let long = format!("{{\"type\":\"{}\"}}", "x".repeat(2000));
+    for (bad, why) in [
+        ("GET / HTTP/1.1", ""),
+        ("{}", "`type` is start, stop or twist"),
+        (r#"{"type":"jump"}"#, "`type` is start, stop or twist"),
+        (r#"{"type":"twist","vx":"0.1"}"#, "is not a number"),
+        (
+            r#"{"type":"twist","omega":null}"#,
+            "omega: null is not a number",
+        ),
+        (
+            r#"{"type":"twist","vx":0.1,"speed":1}"#,
+            "unknown field `speed`",
+        ),
+        (r#"{"type":"stop","now":true}"#, "unknown field `now`"),
+        (long.as_str(), "more than 1024 bytes"),
     ] {
         let mut stream = TcpStream::connect(&address).unwrap();
         writeln!(stream, "{bad}").unwrap();
@@ -144,7 +152,9 @@ fn what_is_no_message_ends_the_connection() {
             .map_while(Result::ok)
             .collect();
         assert!(
-            lines.iter().any(|line| line.contains("not understood")),
+            lines
+                .iter()
+                .any(|line| line.contains("not understood") && line.contains(why)),
             "{bad}: {lines:?}"
         );
     }

@@ -29,6 +29,7 @@
 //! | [`CLOCK`]:1 | U32 | ro | time since the start, us |
 //! | [`CLOCK`]:2 | U32 | ro | clocks of the core in a second |
 //! | [`CLOCK`]:3 | U8 | ro | over-drive: ready 1, switched 2, the voltage's scale reached 4 |
+//! | [`CHIP`]:1 | U32 | ro | DBGMCU_IDCODE: the chip's device number, its revision from bit 16 on |
 //! | [`FLASH`]:1 | U8 | wo | erases the parameters' two sectors, programs so many words, erases them again |
 //! | [`FLASH`]:2, :3 | U32 | ro | the longest erase of a sector, word to program, clocks of the core |
 //! | [`FLASH`]:4 | U16 | ro | words that read back wrong, and operations that failed |
@@ -57,6 +58,8 @@ pub const ENCODER: u16 = 0x5E06;
 pub const METERS: u16 = 0x5E07;
 /// Clocks.
 pub const CLOCK: u16 = 0x5E08;
+/// The chip's device number and revision.
+pub const CHIP: u16 = 0x5E0C;
 /// Raw times of the flash.
 pub const FLASH: u16 = 0x5E0A;
 /// Bit times on the bus.

@@ -75,6 +75,12 @@ use Port::{A, B, C, D};
 /// All mutations.
 pub const MUTATIONS: &[Mutation] = &[
     defect(
+        "other-chip",
+        "the chip is another one: device 0x413, an STM32F407",
+        "chip",
+        Defect::Device(0x413),
+    ),
+    defect(
         "break-input-dead",
         "the break input of TIM1 does nothing",
         "stop.pwm",

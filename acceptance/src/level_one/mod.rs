@@ -17,12 +17,12 @@ mod wiring;
 
 use anyhow::Context as _;
 use canopen::NodeId;
-use protocol::self_test::{FAIL, LEVELS, NAME, PIN, RESET};
+use protocol::self_test::{CHIP, FAIL, LEVELS, NAME, PIN, RESET};
 
 use crate::bench::{Bench, Image};
 use crate::check::{Bound, Check};
 use crate::node::Node;
-use crate::promise::Promise;
+use crate::promise::{self, ACCEPTANCE, Promise};
 use crate::wires;
 
 /// The wheels, in their order.
@@ -189,6 +189,7 @@ pub fn run_reporting(
     let has = |part| options.parts == Parts::All || options.parts == part;
     if has(Parts::SelfTest) {
         session.start()?;
+        session.chip()?;
         if session.wires()? {
             session.outputs()?;
             session.stops()?;
@@ -214,6 +215,15 @@ pub fn run_reporting(
         session.skew()?;
     }
     Ok(session.checks)
+}
+
+/// The revision of the chip, if it was read: `revision 0x1000`.
+#[must_use]
+pub fn revision(checks: &[Check]) -> Option<&str> {
+    let chip = checks.iter().find(|check| check.name == "chip")?;
+    Some(&chip.note)
+        .filter(|note| !note.is_empty())
+        .map(String::as_str)
 }
 
 /// Checks the wires alone.
@@ -242,6 +252,24 @@ impl Session<'_> {
         )?;
         let name = self.node.text(0x1008, 0)?;
         anyhow::ensure!(name == NAME, "the board answers as '{name}', not '{NAME}'");
+        Ok(())
+    }
+
+    /// Reads which chip it is.
+    fn chip(&mut self) -> anyhow::Result<()> {
+        let promise = promise::number(ACCEPTANCE, "says that it is device", "(STM32F446")?;
+        let code = self.node.read(CHIP, 1)?;
+        let what = What {
+            name: "chip".to_owned(),
+            promised: Bound::Near(promise.value, 0.0),
+            unit: "device",
+            source: promise.source,
+            procedure: "the program reads DBGMCU_IDCODE",
+        };
+        self.check(what, Ok((code & 0xFFF).into()));
+        if let Some(check) = self.checks.last_mut() {
+            check.note = format!("revision 0x{:04X}", code >> 16);
+        }
         Ok(())
     }
 

@@ -182,7 +182,7 @@ impl Soc {
             dma1: Dma::default(),
             crc: Crc::default(),
             ram,
-            dbgmcu: [chip.id_code, 0, 0, 0],
+            dbgmcu: [defects.id_code(chip.id_code), 0, 0, 0],
             irq: [0; 4],
             next_event: u64::MAX,
             stop: None,

@@ -2,7 +2,6 @@
 
 use group::GroupFile;
 use kinematics::Twist;
-use serde::Deserialize;
 use serde_json::{Map, Value, json};
 
 use crate::monitor::telemetry::level;
@@ -32,27 +31,6 @@ pub enum Request {
     },
 }
 
-/// The fields of a `twist`; what is left out is zero.
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields, default)]
-struct TwistFields {
-    vx: f32,
-    vy: f32,
-    omega: f32,
-    timeout: f64,
-}
-
-impl Default for TwistFields {
-    fn default() -> Self {
-        Self {
-            vx: 0.0,
-            vy: 0.0,
-            omega: 0.0,
-            timeout: TIMEOUT,
-        }
-    }
-}
-
 impl Request {
     /// Reads a line.
     ///
@@ -67,25 +45,32 @@ impl Request {
         let mut fields: Map<String, Value> =
             serde_json::from_slice(line).map_err(|error| format!("not understood: {error}"))?;
         let kind = fields.remove("type");
-        let plain = |request| match fields.keys().next() {
+        let request = match kind.as_ref().and_then(Value::as_str) {
+            Some("start") => Self::Start,
+            Some("stop") => Self::Stop,
+            Some("twist") => Self::twist(&mut fields)?,
+            _ => return Err("not understood: `type` is start, stop or twist".into()),
+        };
+        match fields.keys().next() {
             None => Ok(request),
             Some(field) => Err(format!("not understood: unknown field `{field}`")),
-        };
-        match kind.as_ref().and_then(Value::as_str) {
-            Some("start") => plain(Self::Start),
-            Some("stop") => plain(Self::Stop),
-            Some("twist") => Self::twist(fields),
-            _ => Err("not understood: `type` is start, stop or twist".into()),
         }
     }
 
-    fn twist(fields: Map<String, Value>) -> Result<Self, String> {
-        let fields: TwistFields = serde_json::from_value(Value::Object(fields))
-            .map_err(|error| format!("not understood: {error}"))?;
-        if !(fields.timeout > 0.0 && fields.timeout <= LONGEST_TIMEOUT) {
+    /// Takes the fields of a `twist`; a velocity that is left out is zero.
+    fn twist(fields: &mut Map<String, Value>) -> Result<Self, String> {
+        let mut take = |name: &str, otherwise| match fields.remove(name) {
+            None => Ok(otherwise),
+            Some(value) => {
+                let number = value.as_f64();
+                number.ok_or_else(|| format!("not understood: {name}: {value} is not a number"))
+            }
+        };
+        let [vx, vy, omega] = [take("vx", 0.0)?, take("vy", 0.0)?, take("omega", 0.0)?];
+        let timeout = take("timeout", TIMEOUT)?;
+        if !(timeout > 0.0 && timeout <= LONGEST_TIMEOUT) {
             return Err(format!(
-                "timeout: {} s is not above 0 and at most {LONGEST_TIMEOUT} s",
-                fields.timeout
+                "timeout: {timeout} s is not above 0 and at most {LONGEST_TIMEOUT} s"
             ));
         }
         #[expect(
@@ -93,9 +78,9 @@ impl Request {
             clippy::cast_sign_loss,
             reason = "between 0 and 1000"
         )]
-        let timeout_ms = (fields.timeout * 1e3).ceil() as u64;
+        let timeout_ms = (timeout * 1e3).ceil() as u64;
         Ok(Self::Twist {
-            twist: Twist::new(fields.vx, fields.vy, fields.omega),
+            twist: Twist::new(vx as f32, vy as f32, omega as f32),
             timeout_ms,
         })
     }

@@ -50,8 +50,8 @@ const STEPS: f64 = 10_000.0;
 /// What emulated robots measure at level 2: `docs/acceptance.md` tells how it is made.
 const EMULATED: &str = include_str!("../../../acceptance/emulated/level-2.json");
 
-/// What a report says while its trial goes on, and after the program was killed.
-const UNFINISHED: &str = "the trial ended early: what is not listed was not tried";
+/// What a report says that does not come from the end of its trial.
+const NOT_LISTED: &str = "what is not listed was not tried";
 
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
@@ -97,6 +97,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         subject: subject(arguments, &group, "not read"),
         checks: Vec::new(),
     };
+    findings.check_folder()?;
     let done = match arguments.level {
         2 => on_stands(arguments, &group, &mut findings),
         _ => on_the_floor(arguments, &group, &mut findings),
@@ -104,8 +105,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if let Err(error) = done {
         if !findings.checks.is_empty() {
             findings.subject.limits.insert(0, ended_early(&error));
-            findings.write()?;
-            findings.print()?;
+            // The error that ended it is the one to be told at the end, and to exit with.
+            for failed in [findings.write(), findings.print()] {
+                if let Err(failed) = failed {
+                    print_note(format!("{failed:#}"));
+                }
+            }
         }
         return Err(error);
     }
@@ -120,10 +125,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 
 /// What a report says whose trial has not come to its end.
 fn ended_early(error: &anyhow::Error) -> String {
-    const REST: &str = "what is not listed was not tried";
     match exit_code(error) {
-        130 => format!("stopped by the user: {REST}"),
-        _ => format!("ended early, because {error:#}: {REST}"),
+        130 => format!("stopped by the user: {NOT_LISTED}"),
+        _ => format!("ended early, because {error:#}: {NOT_LISTED}"),
     }
 }
 
@@ -145,10 +149,22 @@ impl Findings<'_> {
             report::expect(&mut self.checks, &emulated);
         }
         let mut subject = self.subject.clone();
-        subject.limits.insert(0, UNFINISHED.to_owned());
+        let unfinished = format!("the trial ended early: {NOT_LISTED}");
+        subject.limits.insert(0, unfinished);
         if let Err(error) = self.write_as(&subject) {
             print_note(format!("{error:#}"));
         }
+    }
+
+    /// Makes the folder of the report, and finds out whether a report can be written there, before
+    /// any wheel turns. A report that is there stays as it is.
+    fn check_folder(&self) -> anyhow::Result<()> {
+        let Some(folder) = &self.arguments.report else {
+            return Ok(());
+        };
+        std::fs::create_dir_all(folder)
+            .and_then(|()| file::Beside::create(&folder.join("report.json")).map(drop))
+            .with_context(|| format!("--report {}: cannot be written", folder.display()))
     }
 
     fn write(&self) -> anyhow::Result<()> {
@@ -160,8 +176,6 @@ impl Findings<'_> {
             return Ok(());
         };
         let named = |name: &str| folder.join(name);
-        std::fs::create_dir_all(folder)
-            .with_context(|| format!("cannot make {}", folder.display()))?;
         let text = serde_json::to_string_pretty(&report::json(subject, &self.checks))? + "\n";
         for (path, text) in [
             (named("report.json"), text),
@@ -195,7 +209,7 @@ fn subject(arguments: &Arguments, group: &GroupFile, firmware: &str) -> Subject 
     let chip = match (simulated, arguments.target.backend.word()) {
         (true, "native") => "native robots, without a chip",
         (true, _) => "STM32F446RE, emulated",
-        (false, _) => "as the robots say",
+        (false, _) => "not read, which level 1 does",
     };
     Subject {
         level: arguments.level,

@@ -116,6 +116,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     // after every check, so that Ctrl-C or a board that dies leaves what was measured.
     let keep = |checks: &[Check], ended: bool| -> anyhow::Result<()> {
         let mut subject = subject.clone();
+        if let Some(revision) = level_one::revision(checks) {
+            subject.chip = format!("{}, {revision}", subject.chip);
+        }
         if !ended {
             subject.limits.insert(0, ENDED_EARLY.to_owned());
         }
@@ -172,11 +175,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
 fn subject(arguments: &Arguments, mutation: Option<&Mutation>) -> Subject {
     let hardware = arguments.bus.is_some();
     let (board, chip) = match hardware {
-        true => ("NUCLEO-F446RE", "STM32F446RE, revision not read"),
-        false => (
-            "NUCLEO-F446RE, emulated",
-            "STM32F446RE, emulated, revision A",
-        ),
+        true => ("NUCLEO-F446RE", "STM32F446RE"),
+        false => ("NUCLEO-F446RE, emulated", "STM32F446RE, emulated"),
     };
     Subject {
         level: 1,
