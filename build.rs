@@ -14,13 +14,47 @@ use boot::slots::{self, Slot};
 // Said by the compiler: the HAL's own build script refuses two chips, too, and cargo runs it while
 // this one is compiled. With fewer than three jobs at once only the HAL's error is seen.
 #[cfg(any(
-    all(feature = "board-nucleo-f446re", feature = "board-robomaster-c"),
-    all(feature = "board-nucleo-f446re", feature = "board-kit-f103rc"),
-    all(feature = "board-robomaster-c", feature = "board-kit-f103rc"),
+    all(
+        feature = "board-nucleo-f446re",
+        any(
+            feature = "board-robomaster-c",
+            feature = "board-kit-f103rc",
+            feature = "board-nucleo-g474re"
+        )
+    ),
+    all(
+        feature = "board-robomaster-c",
+        any(feature = "board-kit-f103rc", feature = "board-nucleo-g474re")
+    ),
+    all(feature = "board-kit-f103rc", feature = "board-nucleo-g474re"),
 ))]
 compile_error!(
     "two boards are selected, and an image is for one: with --no-default-features --features, \
-     select board-nucleo-f446re, board-robomaster-c or board-kit-f103rc"
+     select board-nucleo-f446re, board-robomaster-c or board-kit-f103rc; board-nucleo-g474re is a \
+     sketch, which drives nothing"
+);
+// A board that is not finished builds only for who says that he knows it.
+#[cfg(all(feature = "board-nucleo-g474re", not(feature = "sketch")))]
+compile_error!(
+    "board-nucleo-g474re is a sketch: FDCAN is not implemented, so nothing can command a robot with \
+     it, and no output is ever switched on: --features board-nucleo-g474re,sketch builds it as that"
+);
+#[cfg(all(
+    feature = "sketch",
+    any(
+        not(feature = "board-nucleo-g474re"),
+        feature = "bench",
+        feature = "self-test",
+        feature = "slot-b",
+        feature = "update",
+        feature = "drives-c620",
+        feature = "two-pwms",
+        feature = "fixed-point"
+    )
+))]
+compile_error!(
+    "sketch is an image of its own for a board that is not finished, board-nucleo-g474re: it goes \
+     with no other feature"
 );
 #[cfg(all(feature = "two-pwms", feature = "drives-c620"))]
 compile_error!(
@@ -42,11 +76,12 @@ compile_error!(
      of bench, slot-b, drives-c620, two-pwms, fixed-point"
 );
 
-/// The boards: feature, and memory layout; the reference board first.
-const BOARDS: [(&str, &str); 3] = [
-    ("board-nucleo-f446re", "memory/nucleo_f446re.x"),
-    ("board-robomaster-c", "memory/robomaster_c.x"),
-    ("board-kit-f103rc", "memory/kit_f103rc.x"),
+/// The boards: feature, memory layout and the chip's family; the reference board first.
+const BOARDS: [(&str, &str, &str); 4] = [
+    ("board-nucleo-f446re", "memory/nucleo_f446re.x", "stm32f4"),
+    ("board-robomaster-c", "memory/robomaster_c.x", "stm32f4"),
+    ("board-kit-f103rc", "memory/kit_f103rc.x", "stm32f1"),
+    ("board-nucleo-g474re", "memory/nucleo_g474re.x", "stm32g4"),
 ];
 
 /// Package and program of the boot code, and the profile it is built with.
@@ -55,14 +90,15 @@ const BOOT_PROFILE: &str = "boot";
 
 fn main() {
     println!("cargo::rerun-if-changed=build.rs");
-    // The chip's family, and whether the flash has two slots for programs.
-    println!("cargo::rustc-check-cfg=cfg(stm32f1, stm32f4, slots)");
+    // The chip's family, whether the flash has two slots for programs, and whether the image is a
+    // robot's.
+    println!("cargo::rustc-check-cfg=cfg(stm32f1, stm32f4, stm32g4, slots, robot)");
     if env::var("CARGO_CFG_TARGET_OS").as_deref() != Ok("none") {
         return;
     }
-    let boards: Vec<_> = BOARDS.iter().filter(|(name, _)| selected(name)).collect();
-    let [(_, memory)] = boards[..] else {
-        let names = BOARDS.map(|(name, _)| name).join(", ");
+    let boards: Vec<_> = BOARDS.iter().filter(|(name, ..)| selected(name)).collect();
+    let [(_, memory, family)] = boards[..] else {
+        let names = BOARDS.map(|(name, ..)| name).join(", ");
         println!(
             "cargo::error={} boards are selected: the firmware is built for one, with \
              --no-default-features --features and one of {names}",
@@ -77,20 +113,22 @@ fn main() {
     fs::copy(memory, out.join("board.x")).expect("the layout can be copied to OUT_DIR");
     println!("cargo::rustc-link-search={}", out.display());
 
-    let is_f1 = selected("board-kit-f103rc");
-    println!(
-        "cargo::rustc-cfg={}",
-        if is_f1 { "stm32f1" } else { "stm32f4" }
-    );
-    let slot = if selected("slot-b") { Slot::B } else { Slot::A };
-    let regions = if is_f1 {
-        String::new()
+    println!("cargo::rustc-cfg={family}");
+    if selected("sketch") {
+        println!("cargo::warning=a sketch: FDCAN is not implemented, and this image never drives");
     } else {
+        println!("cargo::rustc-cfg=robot");
+    }
+    let slot = if selected("slot-b") { Slot::B } else { Slot::A };
+    let has_slots = *family == "stm32f4";
+    let regions = if has_slots {
         println!("cargo::rustc-cfg=slots");
         regions(slot)
+    } else {
+        String::new()
     };
     fs::write(out.join("slots.x"), regions + &symbols()).expect("OUT_DIR can be written");
-    if !is_f1 && slot == Slot::A {
+    if has_slots && slot == Slot::A {
         boot_code(&out);
     }
 

@@ -37,33 +37,35 @@
 //! On the host this is an empty program, so that the workspace builds as a whole.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 #![cfg_attr(
-    all(target_os = "none", feature = "self-test"),
-    expect(dead_code, reason = "the self-test image has the board, and no robot")
+    all(target_os = "none", any(feature = "self-test", feature = "sketch")),
+    expect(dead_code, reason = "these images have the board, and no robot")
 )]
 
 #[cfg(target_os = "none")]
 mod board;
-#[cfg(target_os = "none")]
+#[cfg(robot)]
 mod bus_task;
-#[cfg(target_os = "none")]
+#[cfg(robot)]
 mod control;
-#[cfg(target_os = "none")]
+#[cfg(robot)]
 mod gateway;
-#[cfg(target_os = "none")]
+#[cfg(robot)]
 mod health;
-#[cfg(target_os = "none")]
+#[cfg(robot)]
 mod led;
 #[cfg(all(target_os = "none", feature = "self-test"))]
 mod self_test;
-#[cfg(target_os = "none")]
+#[cfg(robot)]
 mod shared;
-#[cfg(target_os = "none")]
+#[cfg(all(target_os = "none", feature = "sketch"))]
+mod sketch;
+#[cfg(robot)]
 mod start;
-#[cfg(target_os = "none")]
+#[cfg(robot)]
 mod update;
-#[cfg(target_os = "none")]
+#[cfg(robot)]
 mod wake;
-#[cfg(target_os = "none")]
+#[cfg(robot)]
 mod watchdog;
 
 #[cfg(target_os = "none")]
@@ -74,7 +76,9 @@ use defmt_rtt as _;
 fn main() -> ! {
     #[cfg(feature = "self-test")]
     self_test::run();
-    #[cfg(not(feature = "self-test"))]
+    #[cfg(feature = "sketch")]
+    sketch::run();
+    #[cfg(not(any(feature = "self-test", feature = "sketch")))]
     start::start()
 }
 

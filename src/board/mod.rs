@@ -3,9 +3,10 @@
 //! An image is for one board, which a cargo feature selects (`build.rs` refuses to build without
 //! one). A board is one file: a table of its pins and clocks. Drivers are in `stm32/`; what they
 //! need of a family of chips, and what only one has, is in a folder for each (`stm32f1/`,
-//! `stm32f4/`), of which [`family`] is that of the board. The interface for the tasks is the same
-//! for every board and is this file: the names it re-exports, and [`Board`], which owns the
-//! peripherals. `docs/boards.md` says how to add a board.
+//! `stm32f4/`, `stm32g4/`), of which [`family`] is that of the board. The interface for the tasks
+//! is the same for every board and is this file: the names it re-exports, and `Board`, which owns
+//! the peripherals; for a board that is not finished, `Sketch`. `docs/boards.md` says how to add
+//! one.
 
 #[cfg(all(slots, not(feature = "slot-b")))]
 mod boot_code;
@@ -17,11 +18,15 @@ mod stm32;
 mod stm32f1;
 #[cfg(stm32f4)]
 mod stm32f4;
+#[cfg(stm32g4)]
+mod stm32g4;
 
 #[cfg(feature = "board-kit-f103rc")]
 mod kit_f103rc;
 #[cfg(feature = "board-nucleo-f446re")]
 mod nucleo_f446re;
+#[cfg(feature = "board-nucleo-g474re")]
+mod nucleo_g474re;
 #[cfg(feature = "board-robomaster-c")]
 mod robomaster_c;
 
@@ -29,6 +34,8 @@ mod robomaster_c;
 use kit_f103rc::WIRING;
 #[cfg(feature = "board-nucleo-f446re")]
 use nucleo_f446re::WIRING;
+#[cfg(feature = "board-nucleo-g474re")]
+use nucleo_g474re::WIRING;
 #[cfg(feature = "board-robomaster-c")]
 use robomaster_c::WIRING;
 
@@ -36,25 +43,33 @@ use robomaster_c::WIRING;
 use stm32f1 as family;
 #[cfg(stm32f4)]
 use stm32f4 as family;
+#[cfg(stm32g4)]
+use stm32g4 as family;
 
-pub use family::drives::{ARE_WIRED as DRIVES_ARE_WIRED, Drives};
-pub use family::flash::ParameterFlash;
-pub use family::gyro::Gyro;
-pub use family::meters::{Meters, calibrate as calibrate_meters};
 #[cfg(feature = "self-test")]
 pub use family::probe;
-pub use family::program_flash::{BootCode, ProgramFlash};
-pub use family::serial::{IS_WIRED as CABLE_IS_WIRED, Serial};
-pub use stm32::can::{CABLE_PATIENCE, Can, Health, print_to_cable};
-pub use stm32::encoders::Encoders;
-pub use stm32::executors;
-pub use stm32::index::Indexes;
-pub use stm32::iwdg::{Watchdog, patiently};
-pub use stm32::outputs::Outputs;
+pub use stm32::now;
 #[cfg(feature = "self-test")]
 pub use stm32::pin;
-pub use stm32::tick::{TickMutex, TickTimer};
-pub use stm32::{Board, Led, Lines, now, reset};
+#[cfg(feature = "sketch")]
+pub use stm32::sketch::Sketch;
+#[cfg(not(feature = "sketch"))]
+pub use {
+    family::drives::{ARE_WIRED as DRIVES_ARE_WIRED, Drives},
+    family::flash::ParameterFlash,
+    family::gyro::Gyro,
+    family::meters::{Meters, calibrate as calibrate_meters},
+    family::program_flash::{BootCode, ProgramFlash},
+    family::serial::{IS_WIRED as CABLE_IS_WIRED, Serial},
+    stm32::can::{CABLE_PATIENCE, Can, Health, print_to_cable},
+    stm32::encoders::Encoders,
+    stm32::executors,
+    stm32::index::Indexes,
+    stm32::iwdg::{Watchdog, patiently},
+    stm32::outputs::Outputs,
+    stm32::tick::{TickMutex, TickTimer},
+    stm32::{Board, Led, Lines, reset},
+};
 
 /// Why the chip was reset, with the numbers of the object "reset cause".
 #[derive(Clone, Copy, PartialEq, Eq, defmt::Format)]

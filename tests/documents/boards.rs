@@ -119,6 +119,7 @@ fn the_table_of_a_board_is_that_of_its_code() {
         BOARD,
         "src/board/robomaster_c.rs",
         "src/board/kit_f103rc.rs",
+        "src/board/nucleo_g474re.rs",
     ] {
         let text = read(board);
         let table = pin_table(&text, 2);

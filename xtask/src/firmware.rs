@@ -183,6 +183,30 @@ impl From<Board> for group::Board {
     }
 }
 
+/// A board that is not finished and drives nothing: no [`Board`], so it can be neither flashed nor
+/// tested from here, but it has to build.
+const SKETCH: &str = "board-nucleo-g474re";
+
+/// Builds the image of the sketch and checks that the core starts it and the emulator, which has
+/// robots, does not.
+fn build_sketch() -> anyhow::Result<()> {
+    let elf = compile(cargo::TARGET, |command| {
+        command
+            .arg("--target-dir")
+            .arg(cargo::target_folder().join("variants"))
+            .args(["--no-default-features", "--features", SKETCH])
+            .args(["--features", "sketch"]);
+    })?;
+    let bytes = std::fs::read(&elf).with_context(|| format!("cannot read {}", elf.display()))?;
+    is_at(&bytes, ".vector_table", FLASH_ORIGIN)?;
+    let loaded = emulator::Firmware::from_elf(bytes);
+    ensure!(
+        matches!(loaded, Err(emulator::LoadError::UnknownChip(_))),
+        "the emulator takes the image of a sketch for that of a robot"
+    );
+    Ok(())
+}
+
 /// Builds the release image for every board, which checks it.
 pub fn build_all_boards() -> anyhow::Result<()> {
     for board in Board::ALL {
@@ -191,6 +215,10 @@ pub fn build_all_boards() -> anyhow::Result<()> {
     for wheels in [Wheels::TwoPwms, Wheels::SmartDrives] {
         build_with(Board::NucleoF446re, wheels)?;
     }
+    build_sketch()?;
+    let unfinished = ["--no-default-features", "--features", SKETCH];
+    refuse("FDCAN is not implemented", &unfinished)?;
+    refuse("sketch is an image of its own", &["--features", "sketch"])?;
     let two = ["--features", Board::RobomasterC.feature()];
     refuse("two boards are selected", &two)?;
     refuse("self-test is an image", &["--features", "self-test,bench"])?;
@@ -201,7 +229,7 @@ pub fn build_all_boards() -> anyhow::Result<()> {
     let none = ["--no-default-features", "--target", cargo::TARGET];
     refuse("0 boards are selected", &none)?;
     println!(
-        "images that start: {}",
+        "images that start: {}; and of {SKETCH}, which is a sketch and never drives",
         Board::ALL.map(Board::feature).join(", ")
     );
     Ok(())
@@ -279,11 +307,18 @@ fn build_variant(board: Board, change: impl FnOnce(&mut Command)) -> anyhow::Res
 }
 
 fn build_as(board: Board, change: impl FnOnce(&mut Command)) -> anyhow::Result<PathBuf> {
-    cargo::ensure_target(board.target())?;
+    let elf = compile(board.target(), change)?;
+    check(board, &elf)?;
+    Ok(elf)
+}
+
+/// Builds an image, which is not checked yet.
+fn compile(target: &str, change: impl FnOnce(&mut Command)) -> anyhow::Result<PathBuf> {
+    cargo::ensure_target(target)?;
     let mut command = cargo::command();
     command
         .args(["build", "--release", "--package", BINARY, "--bin", BINARY])
-        .args(["--target", board.target()])
+        .args(["--target", target])
         .arg("--message-format=json-render-diagnostics")
         .env_remove("OMNIBUS_TICK_US");
     change(&mut command);
@@ -294,14 +329,12 @@ fn build_as(board: Board, change: impl FnOnce(&mut Command)) -> anyhow::Result<P
     if !output.status.success() {
         bail!("the firmware does not build; the compiler's messages are above");
     }
-    let elf = String::from_utf8_lossy(&output.stdout)
+    String::from_utf8_lossy(&output.stdout)
         .lines()
         .filter_map(|line| serde_json::from_str::<serde_json::Value>(line).ok())
         .filter(|message| message["target"]["name"] == BINARY)
         .find_map(|message| message["executable"].as_str().map(PathBuf::from))
-        .context("cargo built the firmware but named no executable")?;
-    check(board, &elf)?;
-    Ok(elf)
+        .context("cargo built the firmware but named no executable")
 }
 
 /// Checks that the boot code is where the core starts, and the vector table of the image where the

@@ -4,21 +4,33 @@
 //! No driver contains a pin or a clock; each reads them from the selected board's [`WIRING`]. What
 //! differs between two families of chips is in [`family`](super::family): the registers of pins,
 //! clocks, flash, supply and converter, names of interrupts, the local time. The drivers make no
-//! decisions about a robot.
+//! decisions about a robot. A board whose drivers are not all written is a `sketch` until they are.
 
 use control::time::Micros;
-use embassy_stm32::{pac, uid};
+use embassy_stm32::uid;
 
+#[cfg(not(feature = "sketch"))]
+mod board;
+#[cfg(not(feature = "sketch"))]
 pub mod can;
+#[cfg(not(feature = "sketch"))]
 pub mod encoders;
+#[cfg(not(feature = "sketch"))]
 pub mod executors;
+#[cfg(not(feature = "sketch"))]
 pub mod index;
 pub mod iwdg;
+#[cfg(any(stm32f4, stm32g4))]
+pub mod moder;
+#[cfg(not(feature = "sketch"))]
 pub mod outputs;
 #[cfg_attr(stm32f1, expect(dead_code, reason = "AFIO assigns pins there"))]
 pub mod pin;
 pub mod power;
-mod safe_state;
+pub mod safe_state;
+#[cfg(feature = "sketch")]
+pub mod sketch;
+#[cfg(not(feature = "sketch"))]
 pub mod tick;
 #[cfg_attr(
     stm32f1,
@@ -26,84 +38,13 @@ pub mod tick;
 )]
 pub mod wiring;
 
-use self::can::Can;
-use self::encoders::Encoders;
-use self::index::Indexes;
+#[cfg(not(feature = "sketch"))]
+pub use self::board::{Board, Lines};
+
 use self::iwdg::Watchdog;
-use self::outputs::Outputs;
-use self::pin::{Pin, Pull, Role, all_differ};
-use self::tick::TickTimer;
-use super::family::drives::Drives;
-use super::family::flash::ParameterFlash;
-use super::family::gyro::Gyro;
-use super::family::meters::Meters;
-use super::family::serial::Serial;
-use super::family::{clocks, supply};
-use super::{ResetCause, WIRING};
-
-/// Everything the tasks use.
-pub struct Board {
-    /// CAN controller.
-    pub can: Can,
-    /// The serial port of the cable; `None` on a board without.
-    pub cable: Option<Serial>,
-    /// Motor outputs and brake.
-    pub outputs: Outputs,
-    /// Encoder counters.
-    pub encoders: Encoders,
-    /// Smart drives, where they turn the wheels.
-    pub drives: Drives,
-    /// The gyro, where the board has one.
-    pub gyro: Gyro,
-    /// Encoder index inputs.
-    pub indexes: Indexes,
-    /// Inputs whose level counts.
-    pub lines: Lines,
-    /// Supply voltage and motor current.
-    pub meters: Meters,
-    /// LED.
-    pub led: Led,
-    /// Timer of the control tick.
-    pub tick: TickTimer,
-    /// Watchdog, running.
-    pub watchdog: Watchdog,
-    /// Where the parameters are.
-    pub flash: ParameterFlash,
-    /// Value of the switches of the node-ID; 0 on a board without.
-    pub node_switches: u8,
-    /// How long the start waited for clock and supply, ms.
-    pub clock_wait_ms: u16,
-    /// Kinds of bridges that the outputs can drive.
-    pub output_stages: u8,
-    /// Level of the brown-out reset, 0 (off) to 3.
-    pub brown_out_level: u8,
-    /// The chip's unique number, folded to 32 bits.
-    pub serial: u32,
-    /// Why the chip was reset.
-    pub reset_cause: ResetCause,
-}
-
-/// Inputs that the control tick reads as levels.
-pub struct Lines(());
-
-impl Lines {
-    fn new() -> Self {
-        for pin in [WIRING.driver_fault, WIRING.protective_stop] {
-            pin.become_a(Role::Input(Pull::Up));
-        }
-        Self(())
-    }
-
-    /// Whether a motor driver reports a fault.
-    pub fn driver_fault(&self) -> bool {
-        !WIRING.driver_fault.is_high()
-    }
-
-    /// Whether the protective stop is open.
-    pub fn protective_stop(&self) -> bool {
-        WIRING.protective_stop.is_high()
-    }
-}
+use self::pin::{Pin, Role, all_differ};
+use super::WIRING;
+use super::family::clocks;
 
 /// The LED.
 pub struct Led(());
@@ -115,63 +56,28 @@ impl Led {
     }
 }
 
-impl Board {
-    /// Sets up clocks, pins and peripherals. Outputs are safe since the first instructions; the
-    /// watchdog runs before clock and supply are waited for. To be called once.
-    pub fn new() -> Self {
-        let watchdog = Watchdog::start();
-        let clock_wait_ms = power::wait();
-        clocks::start();
-        for output in SAFE_OUTPUTS {
-            output.become_a(Role::Output);
-        }
-        power::watch();
-        #[cfg(feature = "bench")]
-        super::family::freeze::in_debug_halt();
-
-        let outputs = Outputs::new();
-        let encoders = Encoders::new();
-        let indexes = Indexes::new();
-        let lines = Lines::new();
-        let node_switches = node_switches();
-        supply::program_brown_out();
-        executors::set_priorities();
-        let can = Can::new();
-        let drives = Drives::new();
-
-        Self {
-            can,
-            cable: Serial::new(),
-            outputs,
-            encoders,
-            drives,
-            gyro: Gyro::new(),
-            indexes,
-            lines,
-            meters: Meters::new(),
-            led: Led(()),
-            tick: TickTimer::new(),
-            watchdog,
-            flash: ParameterFlash::new(),
-            node_switches,
-            clock_wait_ms: u16::try_from(clock_wait_ms).unwrap_or(u16::MAX),
-            output_stages: outputs::STAGES,
-            brown_out_level: supply::brown_out_level(),
-            serial: fold(&uid::uid()),
-            reset_cause: reset_cause(),
-        }
-    }
+/// What every image has first.
+struct Begun {
+    /// Watchdog, running.
+    watchdog: Watchdog,
+    /// How long the start waited for clock and supply, ms.
+    clock_wait_ms: u16,
 }
 
-/// Reads the switches.
-fn node_switches() -> u8 {
-    for switch in WIRING.node_switches {
-        switch.become_a(Role::Input(Pull::Up));
+/// Starts watchdog, clocks and the watch over clock and supply. Outputs are safe since the first
+/// instructions; the watchdog runs before clock and supply are waited for.
+fn begin() -> Begun {
+    let watchdog = Watchdog::start();
+    let clock_wait_ms = power::wait();
+    clocks::start();
+    for output in SAFE_OUTPUTS {
+        output.become_a(Role::Output);
     }
-    // The pull-ups are about 40 kOhm; 20 us charge 100 pF of wiring five times over.
-    cortex_m::asm::delay(20 * WIRING.clocks.cycles_per_us());
-    let switches = WIRING.node_switches.iter().rev();
-    switches.fold(0, |value, switch| value << 1 | u8::from(!switch.is_high()))
+    power::watch();
+    Begun {
+        watchdog,
+        clock_wait_ms: u16::try_from(clock_wait_ms).unwrap_or(u16::MAX),
+    }
 }
 
 /// Outputs that are low from the first instructions on.
@@ -196,6 +102,11 @@ pub const SAFE_OUTPUTS: [Pin; if WIRING.inverse.is_some() { 15 } else { 11 }] = 
     outputs
 };
 
+/// The chip's unique number, folded to 32 bits.
+fn serial() -> u32 {
+    fold(&uid::uid())
+}
+
 /// FNV-1a over the 96 bits (wafer, lot, position): different chips give different numbers, but for
 /// one pair in 4e9.
 fn fold(uid: &[u8; 12]) -> u32 {
@@ -212,27 +123,4 @@ pub fn now() -> Micros {
 /// Resets the chip.
 pub fn reset() -> ! {
     cortex_m::peripheral::SCB::sys_reset()
-}
-
-/// Reads why the chip was reset (RCC_CSR: RM0390 6.3.21, RM0008 7.3.10) and clears the flags. The
-/// pin flag is set by every reset, the brown-out flag by power-on too, so the order matters.
-fn reset_cause() -> ResetCause {
-    let flags = pac::RCC.csr().read().0;
-    pac::RCC.csr().modify(|w| w.set_rmvf(true));
-    let has = |bit: u32| flags >> bit & 1 == 1;
-    if has(29) {
-        ResetCause::Watchdog
-    } else if has(30) {
-        ResetCause::WindowWatchdog
-    } else if has(31) {
-        ResetCause::LowPower
-    } else if has(28) {
-        ResetCause::Software
-    } else if has(27) {
-        ResetCause::Power
-    } else if has(25) {
-        ResetCause::BrownOut
-    } else {
-        ResetCause::Pin
-    }
 }

@@ -15,11 +15,11 @@
 
 use cortex_m::peripheral::SYST;
 use embassy_stm32::interrupt::{InterruptExt, Priority};
-use embassy_stm32::{interrupt, pac};
+use embassy_stm32::pac;
 
 use super::iwdg;
 use crate::board::WIRING;
-use crate::board::family::supply::{CYCLES_PER_MS, detect, is_low};
+use crate::board::family::supply::{self, CYCLES_PER_MS, PVD, detect, is_low};
 
 /// Time of waiting for HSE after which the LED shows it.
 const PATIENCE_MS: u32 = 200;
@@ -35,7 +35,7 @@ const DETECTOR_LINE: usize = 16;
 /// called before the HAL is initialised, which waits for HSE without a time limit; the ports are
 /// clocked and the LED's pin is an output.
 pub fn wait() -> u32 {
-    pac::RCC.apb1enr().modify(|w| w.set_pwren(true));
+    supply::clock();
     detect();
     start_hse();
     let mut ms: u32 = 0;
@@ -99,10 +99,10 @@ pub fn watch() {
         .rtsr(0)
         .modify(|w| w.set_line(DETECTOR_LINE, true));
     pac::EXTI.imr(0).modify(|w| w.set_line(DETECTOR_LINE, true));
-    interrupt::PVD.set_priority(Priority::P0);
+    PVD.set_priority(Priority::P0);
     // SAFETY: the handler never returns, so what it interrupts does not matter.
-    unsafe { interrupt::PVD.enable() };
+    unsafe { PVD.enable() };
     if is_low() {
-        interrupt::PVD.pend();
+        PVD.pend();
     }
 }

@@ -17,9 +17,13 @@ use core::sync::atomic::{AtomicBool, Ordering};
 
 use cortex_m::peripheral::SCB;
 use cortex_m_rt::exception;
-use embassy_stm32::{interrupt, pac};
+use embassy_stm32::interrupt::typelevel::{Handler, Interrupt};
 
+#[cfg(not(feature = "sketch"))]
 use super::outputs;
+#[cfg(feature = "sketch")]
+use super::sketch as outputs;
+use crate::board::family::clocks;
 use crate::board::post_mortem::{self, Calls, Failure};
 use crate::board::stack;
 
@@ -108,7 +112,7 @@ fn record(failure: Failure) {
 #[exception]
 unsafe fn NonMaskableInt() -> ! {
     outputs::cut();
-    let failure = if pac::RCC.cir().read().cssf() {
+    let failure = if clocks::hse_has_stopped() {
         Failure::ClockLost
     } else {
         Failure::UnhandledInterrupt(NMI)
@@ -124,14 +128,17 @@ const NMI: i16 = -14;
 
 /// Voltage detector: the chip's supply is sinking. It preempts every other interrupt, so it does
 /// not log either.
-#[interrupt]
-fn PVD() {
-    cortex_m::interrupt::disable();
-    outputs::cut();
-    if is_first() {
-        post_mortem::write(Failure::SupplyCollapse);
+pub struct SupplyHandler;
+
+impl<I: Interrupt> Handler<I> for SupplyHandler {
+    unsafe fn on_interrupt() {
+        cortex_m::interrupt::disable();
+        outputs::cut();
+        if is_first() {
+            post_mortem::write(Failure::SupplyCollapse);
+        }
+        wait_for_reset()
     }
-    wait_for_reset()
 }
 
 #[exception]

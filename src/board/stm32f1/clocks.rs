@@ -77,3 +77,8 @@ pub fn start() {
     pac::AFIO.mapr().write(|w| w.0 = WIRING.remap);
     super::time::start();
 }
+
+/// Whether the clock security system has found that HSE stands.
+pub fn hse_has_stopped() -> bool {
+    pac::RCC.cir().read().cssf()
+}

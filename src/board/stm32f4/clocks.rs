@@ -91,3 +91,8 @@ pub fn start() {
         w.set_dcen(true);
     });
 }
+
+/// Whether the clock security system has found that HSE stands.
+pub fn hse_has_stopped() -> bool {
+    pac::RCC.cir().read().cssf()
+}

@@ -3,6 +3,8 @@
 
 use embassy_stm32::pac;
 
+pub use embassy_stm32::interrupt::PVD;
+
 use crate::board::stm32::iwdg;
 
 /// Core cycles of a millisecond on the internal oscillator, which runs after reset.
@@ -15,6 +17,12 @@ const DETECTOR_LEVEL: u8 = 7;
 /// BOR_LEV (RM0390 3.6.1): 0 is level 3, 2.75 to 2.88 V falling; 3 is off.
 const BROWN_OUT_LEVEL_3: u8 = 0;
 const OPTION_KEYS: [u32; 2] = [0x0819_2A3B, 0x4C5D_6E7F];
+
+/// Gives the detector its clock.
+pub fn clock() {
+    let _ = vectors::Irqs;
+    pac::RCC.apb1enr().modify(|w| w.set_pwren(true));
+}
 
 /// Switches the voltage detector on.
 pub fn detect() {
@@ -63,4 +71,15 @@ pub fn program_brown_out() {
     if done.is_err() || brown_out_level() != 3 {
         defmt::error!("brown-out reset: cannot be programmed");
     }
+}
+
+/// The vector, which has the name of the interrupt.
+mod vectors {
+    use embassy_stm32::bind_interrupts;
+
+    use crate::board::stm32::safe_state::SupplyHandler;
+
+    bind_interrupts!(pub struct Irqs {
+        PVD => SupplyHandler;
+    });
 }
