@@ -162,11 +162,28 @@ fn an_option_that_is_no_number_is_named() {
             let message = String::from_utf8(output.stderr).unwrap();
             assert_eq!(output.status.code(), Some(2), "{option}: {message}");
             assert!(message.contains(option), "{option}: {message}");
-            let says = ["is not a number", "give X,Y"];
-            assert!(says.iter().any(|says| message.contains(says)), "{message}");
+            let says = match (option, value) {
+                ("--at", _) => "give X,Y",
+                (_, "1e999") => "is too large a number",
+                _ => "is not a number",
+            };
+            assert!(message.contains(says), "{message}");
         }
     }
     assert!(!std::path::Path::new("never-written.mcap").exists());
+}
+
+/// Poses are f32: this far out they cannot say a millimetre.
+#[test]
+fn a_curve_too_far_from_zero_is_refused() {
+    let bus = ["--bus", "sim:groups/tcc-2.toml"];
+    let output = omnibus(&[&["follow", "circle", "--at", "0,20000"], &bus[..]].concat());
+    let message = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(2), "{message}");
+    assert!(
+        message.contains("--at") && message.contains("10000 m"),
+        "{message}"
+    );
 }
 
 #[test]

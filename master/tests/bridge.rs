@@ -119,7 +119,7 @@ fn a_velocity_is_followed_until_it_expires() {
     // Beyond the limits: refused, and what was asked before is over, too.
     pipes.send(&json!({"type": "twist", "vx": 0.2, "timeout": 1}));
     pipes.send(&json!({"type": "twist", "vx": 99}));
-    assert!(pipes.refusal().contains("99 m/s is more than the group's"));
+    assert!(pipes.refusal().contains("vx and vy ask for 99 m/s"));
     // The end of the input is the end.
     drop(pipes.input);
     assert!(pipes.child.wait().unwrap().success());
@@ -131,12 +131,17 @@ fn what_is_no_message_ends_the_connection() {
     let long = format!("{{\"type\":\"{}\"}}", "x".repeat(2000));
     for (bad, why) in [
         ("GET / HTTP/1.1", ""),
-        ("{}", "`type` is start, stop or twist"),
+        ("{}", "the field `type` is missing"),
+        ("[1]", "a message is a JSON object"),
         (r#"{"type":"jump"}"#, "`type` is start, stop or twist"),
         (r#"{"type":"twist","vx":"0.1"}"#, "is not a number"),
         (
             r#"{"type":"twist","omega":null}"#,
             "omega: null is not a number",
+        ),
+        (
+            r#"{"type":"twist","vx":1e300}"#,
+            "vx: 1e+300 is too large a number",
         ),
         (
             r#"{"type":"twist","vx":0.1,"speed":1}"#,

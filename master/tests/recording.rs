@@ -86,7 +86,12 @@ fn every_frame_is_there_with_its_time() {
     let file = folder("whole").join("drive.mcap");
     let mut sent = drive(&file);
     sent.sort_by_key(|(at, ..)| at.0);
-    let recording = recording::read(&file).unwrap();
+    let mut shares = vec![0.0];
+    let recording = recording::read_with(&file, &mut |share| shares.push(share)).unwrap();
+    assert!(
+        shares.is_sorted() && shares.last() == Some(&1.0),
+        "{shares:?}"
+    );
     assert_eq!(recording.damage, None);
     let read: Vec<_> = recording
         .frames

@@ -2,8 +2,9 @@
 
 use group::GroupFile;
 use kinematics::Twist;
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 
+use crate::controls::fields::{Fields, refuse};
 use crate::monitor::telemetry::level;
 use crate::monitor::telemetry::{Event, SessionState, Snapshot};
 use crate::recording::messages::{of_group, of_robot};
@@ -38,34 +39,22 @@ impl Request {
     /// With the reason when it is no request.
     pub fn parse(line: &[u8]) -> Result<Self, String> {
         if line.len() > LONGEST {
-            return Err(format!(
-                "not understood: a line of more than {LONGEST} bytes"
-            ));
+            return Err(refuse(format_args!("a line of more than {LONGEST} bytes")));
         }
-        let mut fields: Map<String, Value> =
-            serde_json::from_slice(line).map_err(|error| format!("not understood: {error}"))?;
-        let kind = fields.remove("type");
-        let request = match kind.as_ref().and_then(Value::as_str) {
-            Some("start") => Self::Start,
-            Some("stop") => Self::Stop,
-            Some("twist") => Self::twist(&mut fields)?,
-            _ => return Err("not understood: `type` is start, stop or twist".into()),
+        let (kind, mut fields) = Fields::read(line)?;
+        let request = match kind.as_str() {
+            "start" => Self::Start,
+            "stop" => Self::Stop,
+            "twist" => Self::twist(&mut fields)?,
+            _ => return Err(refuse("`type` is start, stop or twist")),
         };
-        match fields.keys().next() {
-            None => Ok(request),
-            Some(field) => Err(format!("not understood: unknown field `{field}`")),
-        }
+        fields.end()?;
+        Ok(request)
     }
 
     /// Takes the fields of a `twist`; a velocity that is left out is zero.
-    fn twist(fields: &mut Map<String, Value>) -> Result<Self, String> {
-        let mut take = |name: &str, otherwise| match fields.remove(name) {
-            None => Ok(otherwise),
-            Some(value) => {
-                let number = value.as_f64();
-                number.ok_or_else(|| format!("not understood: {name}: {value} is not a number"))
-            }
-        };
+    fn twist(fields: &mut Fields) -> Result<Self, String> {
+        let mut take = |name, otherwise| Ok::<_, String>(fields.number(name)?.unwrap_or(otherwise));
         let [vx, vy, omega] = [take("vx", 0.0)?, take("vy", 0.0)?, take("omega", 0.0)?];
         let timeout = take("timeout", TIMEOUT)?;
         if !(timeout > 0.0 && timeout <= LONGEST_TIMEOUT) {

@@ -9,6 +9,8 @@ use omnibus::file::Beside;
 use omnibus::recording::{self, Recorder, Recording, Settings, candump, csv, rosbag};
 use serde_json::json;
 
+use super::output::Progress;
+
 #[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 enum Form {
     /// A table: one row per SYNC, one column per value.
@@ -45,7 +47,9 @@ pub struct Arguments {
 
 /// Reads a recording and says on standard error when it is not whole.
 pub fn load(file: &std::path::Path, quiet: bool) -> anyhow::Result<Recording> {
-    let recording = recording::read(file)?;
+    let progress = Progress::new("reading");
+    let recording = recording::read_with(file, &mut |share| progress.share(share, ""))?;
+    drop(progress);
     if let Some(damage) = &recording.damage
         && !quiet
     {
@@ -60,6 +64,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         recording.header.group = Some(super::input::text(path, "the path of a group file")?);
         recording.group()?;
     }
+    let progress = Progress::endless("converting");
     match (arguments.to, &arguments.output) {
         (Form::Mcap | Form::Ros2, None) => usage!(
             "--output FILE.mcap is missing: a recording is binary and cannot go to standard output"
@@ -104,8 +109,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             });
             written.with_context(|| format!("cannot write {}", path.display()))?;
         }
-        (form, None) => write(form, &recording, &mut BufWriter::new(io::stdout().lock()))?,
+        (form, None) => {
+            // The lines themselves show how far it has come.
+            drop(progress);
+            return write(form, &recording, &mut BufWriter::new(io::stdout().lock()))
+                .map_err(Into::into);
+        }
     }
+    drop(progress);
     // On the standard output is the recording itself, unless it went into a file.
     if super::json() && arguments.output.is_some() {
         return super::print_json(&json!({

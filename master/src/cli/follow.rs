@@ -12,6 +12,7 @@ use omnibus::file;
 use omnibus::monitor::rows::slowdown;
 use omnibus::path::course::{Course, Frame, Shape};
 use omnibus::path::curve::{Curve, RAMP};
+use omnibus::path::file::FARTHEST;
 use omnibus::path::steering::Law;
 use omnibus::report::{self, BackendName, Run};
 use omnibus::run::{self, Drive, Feedback, Record, Source};
@@ -59,6 +60,9 @@ pub(super) fn place(text: &str) -> Result<Pose<f64>, String> {
         .map(|part| super::real(part.trim()))
         .collect();
     match numbers.as_deref() {
+        Ok(&[x, y, ..]) if x.abs().max(y.abs()) > FARTHEST => Err(format!(
+            "{text} is farther than {FARTHEST} m from zero; choose a frame whose zero is nearer"
+        )),
         Ok(&[x, y]) => Ok(Pose::new(x, y, 0.0)),
         Ok(&[x, y, degrees]) => Ok(Pose::new(x, y, degrees.to_radians())),
         _ => Err("give X,Y or X,Y,DEGREES".into()),

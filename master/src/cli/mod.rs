@@ -272,9 +272,14 @@ fn is_same(a: &Path, b: &Path) -> bool {
 
 /// A number of an option: not "nan", which passes every comparison it should fail, and not "inf".
 pub fn real<T: std::str::FromStr + Copy + Into<f64>>(text: &str) -> Result<T, String> {
-    let number: Option<T> = text.parse().ok();
-    let finite = number.filter(|number| (*number).into().is_finite());
-    finite.ok_or_else(|| format!("`{text}` is not a number; give one such as 0.5"))
+    match text.parse::<T>() {
+        Ok(number) if number.into().is_finite() => Ok(number),
+        // A number as written, and infinity to the type.
+        Ok(_) if text.contains(|letter: char| letter.is_ascii_digit()) => {
+            Err(format!("`{text}` is too large a number"))
+        }
+        _ => Err(format!("`{text}` is not a number; give one such as 0.5")),
+    }
 }
 
 /// An abort that Ctrl-C asks for: once ramps down, twice stops at once.

@@ -81,8 +81,8 @@ pub fn plot(arguments: &Plot) -> anyhow::Result<()> {
     for path in &outputs {
         form(path, "--output")?;
     }
-    let progress = Progress::endless("reading and drawing");
     let recording = load(&arguments.file, super::quiet())?;
+    let progress = Progress::endless("drawing");
     let sheet = charts::sheet(&recording);
     for path in &outputs {
         write_sheet(path, &sheet)?;
@@ -103,8 +103,8 @@ pub fn plot(arguments: &Plot) -> anyhow::Result<()> {
 
 /// `omnibus report`.
 pub fn report(arguments: &Report) -> anyhow::Result<()> {
-    let progress = Progress::endless("reading and drawing");
     let recording = load(&arguments.file, super::quiet())?;
+    let progress = Progress::endless("drawing");
     let path = arguments.output.clone();
     let path = path.unwrap_or_else(|| arguments.file.with_extension("html"));
     write(&path, page::to_html(&recording)?.as_bytes())?;

@@ -1,6 +1,7 @@
 //! `omnibus wheel-test` and `omnibus blink`: is every wire where it belongs, and which robot is
 //! this.
 
+use std::cell::Cell;
 use std::io::BufRead as _;
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::Duration;
@@ -15,6 +16,9 @@ use serde_json::json;
 
 use super::output::{self, Found, Progress};
 use super::{Target, print_line, print_note};
+
+/// About how long a wheel's test takes, in s, for the bar.
+const WHEEL_SECONDS: f64 = 4.4;
 
 const EXAMPLES: &str = "Examples:
   omnibus wheel-test --node 2 --wheels-free --bus sim:groups/tcc-2.toml
@@ -85,13 +89,23 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     let (mut session, abort) = super::configured(&arguments.target, &group)?;
     let period_us = session.period_us();
-    let progress = Progress::endless(&format!("turning the wheels of node {node}"));
-    let mut look = |wheel| match arguments.ask {
-        true => progress.aside(|| ask(wheel, &abort)),
-        false => Ok(None),
+    let progress = Progress::new(&format!("turning the wheels of node {node}"));
+    let done = Cell::new(0);
+    let mut look = |wheel| {
+        done.set(wheel + 1);
+        match arguments.ask {
+            true => progress.aside(|| ask(wheel, &abort)),
+            false => Ok(None),
+        }
+    };
+    let mut watch = |seconds: f64| {
+        let this = (seconds / WHEEL_SECONDS).min(1.0);
+        let name = WHEELS.get(done.get()).copied().unwrap_or("");
+        progress.share((done.get() as f64 + this) / WHEELS.len() as f64, name);
+        abort.check()
     };
     let wire = session.wire();
-    let tested = test_wheels(wire, node, period_us, &mut look, &mut |_| abort.check());
+    let tested = test_wheels(wire, node, period_us, &mut look, &mut watch);
     drop(progress);
     super::note_punctuality(&session);
     let findings = tested?;

@@ -266,13 +266,13 @@ impl Arbiter {
         let (fastest, turning) = (self.limits.linear_speed, self.limits.yaw_rate);
         if speed.is_nan() || speed > fastest * (1.0 + ROUNDING) {
             return Err(format!(
-                "{speed} m/s is more than the group's {fastest} m/s"
+                "vx and vy ask for {speed} m/s, and limits.linear_speed of the group is {fastest} m/s"
             ));
         }
         if twist.omega.is_nan() || twist.omega.abs() > turning * (1.0 + ROUNDING) {
             let omega = twist.omega;
             return Err(format!(
-                "{omega} rad/s is more than the group's {turning} rad/s"
+                "omega is {omega} rad/s, and limits.yaw_rate of the group is {turning} rad/s"
             ));
         }
         Ok(())

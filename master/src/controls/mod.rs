@@ -16,6 +16,7 @@
 //! that gives the pilot orders of its own.
 
 pub mod arbiter;
+pub mod fields;
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};

@@ -11,6 +11,10 @@ use std::path::Path;
 use kinematics::trajectory::Trajectory;
 use kinematics::{Pose, Twist};
 
+/// The farthest from zero that a coordinate may be, in m. Poses are f32 from here on, whose steps
+/// are 1 mm there: errors of a drive come out in millimetres.
+pub const FARTHEST: f64 = 10_000.0;
+
 /// Why a file gives no path.
 #[derive(Debug, thiserror::Error)]
 pub enum PathFileError {
@@ -147,7 +151,14 @@ fn parse(text: &str) -> Result<Spline, (usize, String)> {
         }
         for ((column, name), field) in columns.iter_mut().zip(&names).zip(&fields) {
             let value = field.trim().parse::<f64>().ok().filter(|v| v.is_finite());
-            column.push(value.ok_or_else(|| (at, format!("{name}: '{field}' is not a number")))?);
+            let value = value.ok_or_else(|| (at, format!("{name}: '{field}' is not a number")))?;
+            if ["x", "y"].contains(name) && value.abs() > FARTHEST {
+                let problem = format!(
+                    "{name}: {value} m is farther than {FARTHEST} m from zero; move the path's zero"
+                );
+                return Err((at, problem));
+            }
+            column.push(value);
         }
         if !turns {
             columns[3].push(0.0);
@@ -219,6 +230,7 @@ mod tests {
             ("x,y\n", 1, "t,x,y"),
             ("t,x,y\n0,0,0\n1,a,0\n", 3, "x: 'a'"),
             ("t,x,y\n0,0,0\n1,nan,0\n", 3, "is not a number"),
+            ("t,x,y\n0,0,0\n1,1e5,0\n", 3, "x: 100000 m is farther"),
             ("t,x,y\n0,0,0\n\n0,1,0\n", 4, "does not come after"),
             ("t,x,y\n0,0,0\n1,1\n", 3, "2 fields"),
             ("t,x,y\n0,0,0\n1,1,1\n", 3, "three rows"),

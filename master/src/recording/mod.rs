@@ -29,7 +29,7 @@ use serde::{Deserialize, Serialize};
 
 pub use crate::bus::frame_name::frame_name;
 pub use content::{Recorded, Recording};
-pub use read::read;
+pub use read::{read, read_with};
 pub use write::{OnError, Recorder, Settings, Summary};
 
 /// Every frame on the bus.

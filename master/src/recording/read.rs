@@ -28,14 +28,28 @@ const GIVE_RECORDING: &str =
 /// # Errors
 /// When the file cannot be read or is no recording. A file that was cut off is no error.
 pub fn read(path: &Path) -> Result<Recording, RecordingError> {
+    read_with(path, &mut |_| {})
+}
+
+/// The same; `progress` is told now and then which share of the file has been read, 0 to 1.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_with(path: &Path, progress: &mut dyn FnMut(f64)) -> Result<Recording, RecordingError> {
     let refuse = |problem: &dyn std::fmt::Display| RecordingError::new(path, problem);
     let file = File::open(path)
         .map_err(|error| refuse(&format_args!("cannot be read ({error}); {GIVE_RECORDING}")))?;
+    let file = BufReader::new(Counted {
+        length: file.metadata().map_or(0, |metadata| metadata.len()),
+        file,
+        read: 0,
+        progress,
+    });
     if path.extension().is_some_and(|extension| extension == "log") {
-        return candump::read(BufReader::new(file)).map_err(|error| refuse(&error));
+        return candump::read(file).map_err(|error| refuse(&error));
     }
     let mut recording = Recording::default();
-    match read_mcap(BufReader::new(file), &mut recording) {
+    match read_mcap(file, &mut recording) {
         Ok(()) => {}
         Err(ReadError::Mcap(McapError::BadMagic)) if recording.frames.is_empty() => {
             return Err(refuse(&format_args!(
@@ -60,6 +74,23 @@ pub fn read(path: &Path) -> Result<Recording, RecordingError> {
     // Every tool but a printer of files wants order in time.
     recording.frames.sort_by_key(|recorded| recorded.t_ns);
     Ok(recording)
+}
+
+/// A file that says how far it has been read.
+struct Counted<'a> {
+    file: File,
+    length: u64,
+    read: u64,
+    progress: &'a mut dyn FnMut(f64),
+}
+
+impl Read for Counted<'_> {
+    fn read(&mut self, into: &mut [u8]) -> std::io::Result<usize> {
+        let count = self.file.read(into)?;
+        self.read += count as u64;
+        (self.progress)(self.read as f64 / self.length.max(self.read).max(1) as f64);
+        Ok(count)
+    }
 }
 
 enum ReadError {

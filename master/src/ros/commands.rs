@@ -357,11 +357,17 @@ pub fn judge(
     now_ns: u64,
 ) -> Result<(Twist, f32), String> {
     let (linear, angular) = (&twist.linear, &twist.angular);
-    let all = [
-        linear.x, linear.y, linear.z, angular.x, angular.y, angular.z,
-    ];
-    if !all.iter().all(|value| value.is_finite()) {
-        return Err("a component is not a finite number".into());
+    for (value, name) in [
+        (linear.x, "linear.x"),
+        (linear.y, "linear.y"),
+        (linear.z, "linear.z"),
+        (angular.x, "angular.x"),
+        (angular.y, "angular.y"),
+        (angular.z, "angular.z"),
+    ] {
+        if !value.is_finite() {
+            return Err(format!("{name} is {value}, which is no velocity"));
+        }
     }
     for (value, name) in [
         (linear.z, "linear.z"),

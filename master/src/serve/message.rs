@@ -1,9 +1,9 @@
 //! What the page and the server say to each other: one JSON object a message, `type` first.
 
 use clap::ValueEnum as _;
-use serde::Deserialize;
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 
+use crate::controls::fields::{Fields, missing, refuse};
 use crate::monitor::telemetry::{Event, MemberSample, Snapshot, level};
 use crate::path::curve::Curve;
 use group::GroupFile;
@@ -14,8 +14,7 @@ use protocol::Code;
 pub const LONGEST: usize = 1024;
 
 /// What a page says. A message with an unknown or a missing field is refused.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(rename_all = "lowercase", deny_unknown_fields)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum ClientMessage {
     /// Shows the token.
     Hello {
@@ -23,23 +22,19 @@ pub enum ClientMessage {
         token: String,
     },
     /// Wants to drive.
-    Take {},
+    Take,
     /// Does not want to drive any more.
-    Leave {},
+    Leave,
     /// Starts the robots; they stand until a press.
-    Start {},
+    Start,
     /// Ramps down and switches the drivers off. Any client may.
-    Stop {},
+    Stop,
     /// The dead-man's press, repeated while it lasts.
     Drive {
         /// Number of the press: every new one is higher.
         press: u32,
-        /// Forward, m/s.
-        vx: f32,
-        /// Left, m/s.
-        vy: f32,
-        /// Counter-clockwise, rad/s.
-        omega: f32,
+        /// In the group frame.
+        twist: Twist,
         /// `clock` of the newest state that the page has seen.
         clock: u64,
     },
@@ -55,7 +50,7 @@ pub enum ClientMessage {
         clock: u64,
     },
     /// The press is over.
-    Release {},
+    Release,
 }
 
 impl ClientMessage {
@@ -64,17 +59,49 @@ impl ClientMessage {
     /// # Errors
     /// With the reason when it is not one.
     pub fn parse(text: &str) -> Result<Self, String> {
-        // Not serde's own `tag`: it loses numbers once any crate asks for serde_json's arbitrary
-        // precision.
-        let mut fields: Map<String, Value> =
-            serde_json::from_str(text).map_err(|error| format!("not understood: {error}"))?;
-        let kind = match fields.remove("type") {
-            Some(Value::String(kind)) => kind,
-            _ => return Err("not understood: the field `type` is missing".to_owned()),
+        let (kind, mut fields) = Fields::read(text.as_bytes())?;
+        let message = match kind.as_str() {
+            "hello" => Self::Hello {
+                token: fields.text("token")?,
+            },
+            "take" => Self::Take,
+            "leave" => Self::Leave,
+            "start" => Self::Start,
+            "stop" => Self::Stop,
+            "drive" => Self::Drive {
+                press: press(&mut fields)?,
+                twist: Twist::new(
+                    number(&mut fields, "vx")? as f32,
+                    number(&mut fields, "vy")? as f32,
+                    number(&mut fields, "omega")? as f32,
+                ),
+                clock: fields.count("clock", u64::MAX)?,
+            },
+            "curve" => Self::Curve {
+                press: press(&mut fields)?,
+                curve: fields.text("curve")?,
+                scale: number(&mut fields, "scale")?,
+                clock: fields.count("clock", u64::MAX)?,
+            },
+            "release" => Self::Release,
+            _ => {
+                return Err(refuse(
+                    "`type` is hello, take, leave, start, stop, drive, curve or release",
+                ));
+            }
         };
-        serde_json::from_value(json!({kind: fields}))
-            .map_err(|error| format!("not understood: {error}"))
+        fields.end()?;
+        Ok(message)
     }
+}
+
+fn number(fields: &mut Fields, name: &str) -> Result<f64, String> {
+    fields.number(name)?.ok_or_else(|| missing(name))
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "not more than u32::MAX")]
+fn press(fields: &mut Fields) -> Result<u32, String> {
+    Ok(fields.count("press", u32::MAX.into())? as u32)
 }
 
 /// What the page has to know about the group once.
@@ -159,22 +186,64 @@ mod tests {
         ));
         assert_eq!(
             ClientMessage::parse(r#"{"type":"stop"}"#),
-            Ok(ClientMessage::Stop {})
+            Ok(ClientMessage::Stop)
         );
-        for bad in [
-            "",
-            "stop",
-            "{}",
-            r#"{"type":"jump"}"#,
-            r#"{"type":"stop","now":true}"#,
-            r#"{"type":"drive","press":1,"vx":0.1,"vy":0,"omega":0}"#,
-            r#"{"type":"drive","press":1,"vx":"0.1","vy":0,"omega":0,"clock":5}"#,
-            r#"{"type":"drive","press":1,"vx":NaN,"vy":0,"omega":0,"clock":5}"#,
-            r#"{"type":"drive","press":1,"vx":null,"vy":0,"omega":0,"clock":5}"#,
-            r#"{"type":"drive","press":-1,"vx":0,"vy":0,"omega":0,"clock":5}"#,
-            r#"{"type":"hello"}"#,
+        for (bad, why) in [
+            ("", "EOF while parsing a value at line 1 column 0"),
+            ("stop", "expected value at line 1 column 1"),
+            (
+                "[1]",
+                r#"a message is a JSON object, as in {"type":"stop"}"#,
+            ),
+            ("{}", "the field `type` is missing"),
+            (r#"{"type":7}"#, "type: 7 is not a text"),
+            (
+                r#"{"type":"jump"}"#,
+                "`type` is hello, take, leave, start, stop, drive, curve or release",
+            ),
+            (r#"{"type":"stop","now":true}"#, "unknown field `now`"),
+            (r#"{"type":"hello"}"#, "the field `token` is missing"),
+            (r#"{"type":"hello","token":1}"#, "token: 1 is not a text"),
         ] {
-            assert!(ClientMessage::parse(bad).is_err(), "{bad}");
+            let why = format!("not understood: {why}");
+            assert_eq!(ClientMessage::parse(bad), Err(why), "{bad}");
         }
+    }
+
+    #[test]
+    fn a_velocity_that_is_none_is_refused_by_its_field() {
+        for (field, value, why) in [
+            ("vx", r#""0.1""#, r#"vx: "0.1" is not a number"#),
+            ("vy", "null", "vy: null is not a number"),
+            ("omega", "1e300", "omega: 1e+300 is too large a number"),
+            (
+                "press",
+                "-1",
+                "press: -1 is not a whole number from 0 to 4294967295",
+            ),
+            (
+                "press",
+                "4294967296",
+                "press: 4294967296 is not a whole number from 0 to 4294967295",
+            ),
+            (
+                "clock",
+                "0.5",
+                "clock: 0.5 is not a whole number from 0 to 18446744073709551615",
+            ),
+        ] {
+            let fields = ["press", "vx", "vy", "omega", "clock"].map(|name| {
+                let value = if name == field { value } else { "0" };
+                format!(r#""{name}":{value}"#)
+            });
+            let bad = format!(r#"{{"type":"drive",{}}}"#, fields.join(","));
+            let why = format!("not understood: {why}");
+            assert_eq!(ClientMessage::parse(&bad), Err(why), "{bad}");
+            let without = bad.replace(&format!(r#""{field}":{value}"#), r#""type":"drive""#);
+            let why = format!("not understood: the field `{field}` is missing");
+            assert_eq!(ClientMessage::parse(&without), Err(why), "{without}");
+        }
+        let nan = r#"{"type":"drive","press":1,"vx":NaN,"vy":0,"omega":0,"clock":5}"#;
+        assert!(ClientMessage::parse(nan).is_err());
     }
 }

@@ -5,7 +5,6 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use group::GroupFile;
-use kinematics::Twist;
 use serde_json::Value;
 
 use super::message::{self, ClientMessage};
@@ -79,15 +78,15 @@ impl PageState {
     pub fn handle(&self, client: Client, trusted: bool, message: &ClientMessage) -> Option<String> {
         let controls = &self.controls;
         let done = match message {
-            ClientMessage::Stop {} => {
+            ClientMessage::Stop => {
                 controls.stop();
                 Ok(())
             }
-            ClientMessage::Release {} => {
+            ClientMessage::Release => {
                 controls.release(client);
                 Ok(())
             }
-            ClientMessage::Leave {} => {
+            ClientMessage::Leave => {
                 controls.gone(client);
                 Ok(())
             }
@@ -95,15 +94,13 @@ impl PageState {
             ClientMessage::Hello { .. } => Ok(()),
             _ if !self.open => Err("this page only watches".into()),
             _ if !trusted => Err("driving needs the token".into()),
-            ClientMessage::Take {} => controls.take(client),
-            ClientMessage::Start {} => controls.start(client),
+            ClientMessage::Take => controls.take(client),
+            ClientMessage::Start => controls.start(client),
             &ClientMessage::Drive {
                 press,
-                vx,
-                vy,
-                omega,
+                twist,
                 clock,
-            } => controls.press(client, press, Twist::new(vx, vy, omega), clock),
+            } => controls.press(client, press, twist, clock),
             ClientMessage::Curve {
                 press,
                 curve,
@@ -116,7 +113,7 @@ impl PageState {
 
     /// A message that could not even be read: like every refused one it ends the press.
     pub fn confused(&self, client: Client) {
-        self.handle(client, false, &ClientMessage::Release {});
+        self.handle(client, false, &ClientMessage::Release);
     }
 
     /// A connection has ended.
