@@ -21,9 +21,8 @@ mod cable;
 mod fault_injection;
 pub mod index;
 mod nodes;
+mod ports;
 mod unit;
-
-use std::collections::VecDeque;
 
 use canopen::{Frame, Micros};
 use group::{GroupFile, Gyro};
@@ -32,7 +31,6 @@ use kinematics::Pose;
 pub use self::unit::Cable;
 use crate::bus::candump::Candump;
 use crate::bus::disturb::Disturbances;
-use crate::bus::errors::Confinement;
 use crate::bus::{Bus, BusLoad};
 use crate::digest::Digest;
 pub use crate::encoder::EncoderState;
@@ -42,6 +40,7 @@ use crate::plant::{self, Plant};
 use crate::robot::{Backend, LogLine, Robot, Wake};
 use crate::truth::{NoisyPoses, TruthSample};
 use crate::worker_pool::{Absent, WorkerPool};
+use ports::PortQueues;
 use unit::Unit;
 
 /// Steps and periods, all in ns of virtual time.
@@ -85,18 +84,6 @@ pub struct Port(usize);
 
 /// The master's port.
 pub const MASTER: Port = Port(0);
-
-#[derive(Debug, Default)]
-struct PortQueues {
-    /// Each with the time, ns, from which it is ready to be sent.
-    send: VecDeque<(u64, Frame)>,
-    received: VecDeque<(Micros, Frame)>,
-    /// Received frames are not kept.
-    deaf: bool,
-    errors: Confinement,
-    /// While bus-off: when it is back, ns.
-    back_ns: u64,
-}
 
 /// Robots, motors, floor and bus in one virtual time. The essay at the head of this file describes
 /// its steps.
@@ -295,14 +282,9 @@ impl World {
     /// that was late by `over_ns` and learns of them together: they came one after the other during
     /// that time, so that is how they go onto the bus.
     pub fn spread_queued(&mut self, over_ns: u64) {
+        let ready_ns = self.now_ns + self.port_delay_ns;
         for queues in &mut self.ports {
-            let ready_ns = self.now_ns + self.port_delay_ns;
-            let new = queues.send.iter_mut().filter(|(at, _)| *at == ready_ns);
-            let new: Vec<&mut u64> = new.map(|(at, _)| at).collect();
-            let count = new.len() as u64;
-            for (place, at) in (0..count).zip(new) {
-                *at += over_ns * place / count;
-            }
+            queues.spread(ready_ns, over_ns);
         }
     }
 

@@ -181,7 +181,7 @@ fn fast_peer(tests: &Path) -> anyhow::Result<PathBuf> {
     Ok(program)
 }
 
-/// Keeps the machine's processors from sleeping, and yields them to everybody else at once.
+/// Keeps the machine's processors from sleeping, and yields them to any other program at once.
 ///
 /// A virtual machine that sleeps between two SYNCs may be given its processors back 10 to 20 ms
 /// late. Most of what is driven here in real time then ends in a lost SYNC, on a machine that has
