@@ -74,7 +74,8 @@ pub async fn bus(
             control::configure(configuration);
         }
         COMMAND.put(side.command());
-        if save(side, &mut store) || remember(side, &mut store, at) {
+        let saved = side.image_to_store().is_some() && save(side, &mut store);
+        if saved || side.may_write() && remember(side, &mut store, at) {
             health = Health {
                 bus_off: health.bus_off,
                 ..can.health()

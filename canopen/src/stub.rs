@@ -158,6 +158,12 @@ impl Device {
         self.event.take()
     }
 
+    /// Whether there is an event.
+    #[must_use]
+    pub const fn has_events(&self) -> bool {
+        self.event.is_some()
+    }
+
     /// Nothing is ever due.
     #[must_use]
     pub const fn next_deadline(&self) -> Option<Micros> {

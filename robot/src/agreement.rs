@@ -22,6 +22,16 @@ struct Vote {
     follows: bool,
 }
 
+impl Vote {
+    /// That of a member which has not voted.
+    const NONE: Self = Self {
+        sequence: 0,
+        plan: 0,
+        scale: Scale::ZERO,
+        follows: false,
+    };
+}
+
 /// What a member publishes about the setpoint it latched.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Own {
@@ -57,10 +67,10 @@ pub enum Verdict {
 }
 
 /// The members' votes between two SYNCs.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[derive(Clone, Copy, Debug)]
 pub struct Agreement {
-    votes: [Option<Vote>; MAX_ROBOTS],
-    /// Bit n stands for the vote of node n.
+    votes: [Vote; MAX_ROBOTS],
+    /// Bit n stands for the vote of node n; where it is clear, there is none since the last SYNC.
     voted: u32,
 }
 
@@ -75,9 +85,14 @@ impl Agreement {
     #[must_use]
     pub const fn new() -> Self {
         Self {
-            votes: [None; MAX_ROBOTS],
+            votes: [Vote::NONE; MAX_ROBOTS],
             voted: 0,
         }
+    }
+
+    /// Forgets all votes.
+    pub const fn clear(&mut self) {
+        self.voted = 0;
     }
 
     /// A member's status came in.
@@ -85,12 +100,12 @@ impl Agreement {
         let place = usize::from(node.wrapping_sub(FIRST_ROBOT));
         if let Some(vote) = self.votes.get_mut(place) {
             self.voted |= 1 << node;
-            *vote = Some(Vote {
+            *vote = Vote {
                 sequence: status.sequence,
                 plan: status.plan,
                 scale: status.scale,
                 follows: status.state.can_follow(),
-            });
+            };
         }
     }
 
@@ -103,21 +118,25 @@ impl Agreement {
     /// What do `members` (a mask of nodes) say about the setpoint about which this `node` published
     /// its `own`? The votes are used up by that.
     pub fn decide(&mut self, members: u32, node: u8, own: Own) -> Verdict {
-        let votes = core::mem::take(self).votes;
+        let mut voted = core::mem::take(&mut self.voted) >> FIRST_ROBOT;
         if own.scale == Scale::ZERO {
             return Verdict::Stop(Fault::MemberStopped);
         }
         let mut smallest = own.scale;
         let mut others = others(members, node);
-        for vote in votes {
-            let is_other = others & 1 == 1;
+        for vote in &self.votes {
+            if others == 0 {
+                break;
+            }
+            let (is_other, has_voted) = (others & 1 == 1, voted & 1 == 1);
             others >>= 1;
+            voted >>= 1;
             if !is_other {
                 continue;
             }
-            let Some(vote) = vote else {
+            if !has_voted {
                 return Verdict::Stop(Fault::MemberSilent);
-            };
+            }
             if !vote.follows {
                 return Verdict::Stop(Fault::MemberStopped);
             }

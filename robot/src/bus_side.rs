@@ -58,6 +58,7 @@ impl BusSide {
     }
 
     /// Takes in a frame received at `at`.
+    #[inline]
     pub fn on_frame(&mut self, at: Micros, frame: &Frame) {
         self.begin(at);
         self.device
@@ -66,6 +67,7 @@ impl BusSide {
     }
 
     /// Does what is due at `now`.
+    #[inline]
     pub fn poll(&mut self, now: Micros) {
         self.begin(now);
         self.robot.note_limit_at_rest(now);
@@ -85,6 +87,7 @@ impl BusSide {
 
     /// How many statuses of members a decision waits for: with the last of them it is due at once.
     /// 0 when it waits for none.
+    #[inline]
     #[must_use]
     pub fn votes_missing(&self) -> u32 {
         self.robot.votes_missing()
@@ -93,22 +96,19 @@ impl BusSide {
     /// Function codes of the frames it wants to see, one bit for each (bit n: identifiers from 128
     /// n on); the others may be kept from it. What a master changes is in it before the answer to
     /// that is sent.
+    #[inline]
     #[must_use]
     pub fn function_codes(&self) -> u16 {
-        [
-            cob::emergency(0),
-            cob::member_status(0),
-            cob::measured_twist(0),
-            cob::GROUP_TWIST,
-            cob::MASTER_HEARTBEAT,
-        ]
-        .into_iter()
-        .fold(self.device.function_codes(), |codes, id| {
-            codes | canopen::function_code_bit(id)
-        })
+        const OWN: u16 = canopen::function_code_bit(cob::emergency(0))
+            | canopen::function_code_bit(cob::member_status(0))
+            | canopen::function_code_bit(cob::measured_twist(0))
+            | canopen::function_code_bit(cob::GROUP_TWIST)
+            | canopen::function_code_bit(cob::MASTER_HEARTBEAT);
+        self.device.function_codes() | OWN
     }
 
     /// Takes in what the control side did and saw.
+    #[inline]
     pub fn on_report(&mut self, report: &Report) {
         self.robot.on_report(report);
         self.announce(report.at);
@@ -148,6 +148,7 @@ impl BusSide {
 
     /// Takes in the error counters of the CAN controller; nothing happens when they have not
     /// changed.
+    #[inline]
     pub fn on_can_errors(&mut self, now: Micros, errors: &CanErrors) {
         match self.robot.can.update(errors) {
             None => {}
@@ -160,16 +161,19 @@ impl BusSide {
     }
 
     /// The next frame to send.
+    #[inline]
     pub fn pop_frame(&mut self) -> Option<Frame> {
         self.device.pop_frame()
     }
 
     /// The next event.
+    #[inline]
     pub fn pop_event(&mut self) -> Option<Event> {
         self.robot.events.pop_front()
     }
 
     /// When [`BusSide::poll`] has something to do, at the latest.
+    #[inline]
     #[must_use]
     pub fn next_deadline(&self) -> Option<Micros> {
         let alive = self.robot.command.alive + Micros(ALIVE_US);
@@ -184,6 +188,7 @@ impl BusSide {
     }
 
     /// A configuration the control side must take over before the next command; given once.
+    #[inline]
     pub fn take_configuration(&mut self) -> Option<&Configuration> {
         self.robot.take_configuration()
     }
@@ -214,6 +219,7 @@ impl BusSide {
     }
 
     /// Whether a client has asked which robot this is: the LED shall answer.
+    #[inline]
     #[must_use]
     pub fn blinks(&self) -> bool {
         self.robot.blinks()
@@ -241,6 +247,7 @@ impl BusSide {
 
     /// An image that the platform must store now, in place of the one it has; then it calls
     /// [`BusSide::finish_store`]. Outputs are off and stay off until then.
+    #[inline]
     #[must_use]
     pub fn image_to_store(&self) -> Option<&[u8]> {
         self.robot.store.image_to_store()
@@ -264,15 +271,24 @@ impl BusSide {
         self.robot.memory.recall(starts, faults);
     }
 
+    /// Whether the platform may write to its flash: outputs are off, and no image waits.
+    /// [`BusSide::to_remember`] says nothing otherwise.
+    #[inline]
+    #[must_use]
+    pub fn may_write(&self) -> bool {
+        self.robot.is_off() && !self.robot.store.asked
+    }
+
     /// What the platform is to add to its flash now, a key or an entry of its fault memory; then it
     /// calls [`BusSide::remembered`] and asks again. Outputs are off. It may take half a second; a
     /// start that comes meanwhile takes effect after that.
     #[must_use]
     pub fn to_remember(&self, now: Micros) -> Option<Memorable> {
-        let may_write = self.robot.is_off() && !self.robot.store.asked;
+        if !self.may_write() {
+            return None;
+        }
         let key = self.robot.lock.is_key_new.then_some(Memorable::Key);
         key.or_else(|| self.robot.memory.next(now))
-            .filter(|_| may_write)
     }
 
     /// The key to store when [`BusSide::to_remember`] says so.
@@ -328,6 +344,7 @@ impl BusSide {
     }
 
     /// Before a frame, or what is due, is handled.
+    #[inline(always)]
     fn begin(&mut self, now: Micros) {
         self.robot.supervise(now);
         self.announce(now);
@@ -335,7 +352,17 @@ impl BusSide {
     }
 
     /// Does what the device's events ask for, and sends what there is to announce.
+    #[inline(always)]
     fn finish(&mut self, now: Micros) {
+        if self.device.has_events() {
+            self.on_events(now);
+        }
+        self.announce(now);
+    }
+
+    /// Does what the device's events ask for.
+    #[inline(never)]
+    fn on_events(&mut self, now: Micros) {
         while let Some(event) = self.device.pop_event() {
             match event {
                 canopen::Event::NmtCommand(NmtCommand::Start) => {
@@ -355,15 +382,21 @@ impl BusSide {
                 _ => {}
             }
         }
-        self.announce(now);
     }
 
     /// Sends emergency messages about what is new since the last time.
+    #[inline(always)]
     fn announce(&mut self, now: Micros) {
         if self.robot.has_news() {
-            self.robot
-                .announce(&mut self.device.errors(device_time(now)));
+            self.announce_news(now);
         }
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn announce_news(&mut self, now: Micros) {
+        self.robot
+            .announce(&mut self.device.errors(device_time(now)));
     }
 
     /// The CAN controller is error passive; said once more after a reset of the communication.

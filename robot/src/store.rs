@@ -131,6 +131,7 @@ impl Store {
     }
 
     /// The image that waits for the platform.
+    #[inline]
     pub fn image_to_store(&self) -> Option<&[u8]> {
         self.asked.then(|| self.image())
     }

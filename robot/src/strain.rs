@@ -17,7 +17,9 @@ use control::threshold::{Hysteresis, Lasting};
 /// Compares measured twists at every SYNC.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub(crate) struct Strain {
-    twists: [Option<Twist>; MAX_ROBOTS],
+    twists: [Twist; MAX_ROBOTS],
+    /// Which of them came since the last SYNC, one bit each.
+    received: u32,
     /// What this robot published at the last SYNC.
     own: Twist,
     worst: f32,
@@ -28,7 +30,8 @@ pub(crate) struct Strain {
 impl Strain {
     pub const fn new() -> Self {
         Self {
-            twists: [None; MAX_ROBOTS],
+            twists: [Twist::ZERO; MAX_ROBOTS],
+            received: 0,
             own: Twist::ZERO,
             worst: 0.0,
             limit: Hysteresis { active: false },
@@ -40,7 +43,8 @@ impl Strain {
     pub fn record(&mut self, node: u8, measured: Twist) {
         let place = usize::from(node.wrapping_sub(FIRST_ROBOT));
         if let Some(twist) = self.twists.get_mut(place) {
-            *twist = Some(measured);
+            *twist = measured;
+            self.received |= 1 << place;
         }
     }
 
@@ -52,12 +56,17 @@ impl Strain {
         configuration: &Configuration,
     ) -> Option<Fault> {
         let mut worst_squared = 0.0_f32;
-        let twists = core::mem::replace(&mut self.twists, [None; MAX_ROBOTS]);
-        for (node, twist) in (FIRST_ROBOT..).zip(twists) {
-            let Some(twist) = twist.filter(|_| configuration.is_member(node)) else {
+        let mut received = core::mem::take(&mut self.received);
+        for (node, twist) in (FIRST_ROBOT..).zip(&self.twists) {
+            if received == 0 {
+                break;
+            }
+            let is_new = received & 1 == 1;
+            received >>= 1;
+            if !is_new || !configuration.is_member(node) {
                 continue;
-            };
-            let here = configuration.mount.to_member(twist - self.own);
+            }
+            let here = configuration.mount.to_member(*twist - self.own);
             worst_squared = worst_squared.max(here.vx * here.vx + here.vy * here.vy);
         }
         self.own = measured;

@@ -118,6 +118,7 @@ impl Device {
     }
 
     /// The next frame to send.
+    #[inline]
     pub fn pop_frame(&mut self) -> Option<Frame> {
         let node = self.core.node;
         let queued = self.core.out.pop_frame();
@@ -129,21 +130,31 @@ impl Device {
         self.core.out.pop_event()
     }
 
+    /// Whether there is an event.
+    #[must_use]
+    #[inline]
+    pub fn has_events(&self) -> bool {
+        self.core.out.has_events()
+    }
+
     /// Function codes of the frames it listens to, one bit for each (bit n: identifiers from 128 n
     /// on), for an acceptance filter. Whatever changes them changes them before the answer to it is
     /// sent.
     #[must_use]
     pub fn function_codes(&self) -> u16 {
-        let fixed = [0, self.core.sync.id(), SDO_REQUEST, HEARTBEAT, lss::REQUEST];
-        fixed
-            .into_iter()
-            .chain(self.core.rpdos.listening())
-            .fold(0, |codes, id| codes | crate::function_code_bit(id))
+        const FIXED: u16 = crate::function_code_bit(0)
+            | crate::function_code_bit(SDO_REQUEST)
+            | crate::function_code_bit(HEARTBEAT)
+            | crate::function_code_bit(lss::REQUEST);
+        let first = FIXED | crate::function_code_bit(self.core.sync.id());
+        let listening = self.core.rpdos.listening();
+        listening.fold(first, |codes, id| codes | crate::function_code_bit(id))
     }
 
     /// When [`poll`](Self::poll) has something to do, at the earliest; it may turn out to be
     /// nothing. `None` if only a frame can make it so.
     #[must_use]
+    #[inline]
     pub fn next_deadline(&self) -> Option<Micros> {
         let booting = self.core.state == NmtState::Initialising && self.core.node.is_some();
         if booting {

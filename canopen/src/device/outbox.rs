@@ -102,6 +102,7 @@ impl Outbox {
         self.frames.clear();
     }
 
+    #[inline]
     pub fn pop_frame(&mut self) -> Option<Frame> {
         self.frames.pop_front()
     }
@@ -110,7 +111,13 @@ impl Outbox {
         self.events.pop_front()
     }
 
+    #[inline]
+    pub fn has_events(&self) -> bool {
+        !self.events.is_empty()
+    }
+
     /// When `poll` has something to do.
+    #[inline]
     pub const fn next(&self) -> Micros {
         match self.overflowed {
             true => Micros::ZERO,

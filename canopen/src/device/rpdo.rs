@@ -133,13 +133,6 @@ impl Rpdos {
         self.listening.into_iter().filter(on)
     }
 
-    /// The first PDO from `from` on that listens to this identifier.
-    fn find(&self, from: usize, id: u16) -> Option<usize> {
-        let listening = self.listening.get(from..)?;
-        let at = listening.iter().position(|listens| *listens == id)?;
-        Some(from.saturating_add(at))
-    }
-
     /// Forgets everything latched, and the deadlines.
     pub fn clear(&mut self) {
         self.latched = 0;
@@ -154,10 +147,10 @@ impl Core {
         if self.state != NmtState::Operational {
             return;
         }
-        let mut from = 0;
-        while let Some(at) = self.rpdos.find(from, frame.id()) {
-            from = at.saturating_add(1);
-            self.receive_rpdo(now, at, frame, app);
+        for (at, id) in self.rpdos.listening.into_iter().enumerate() {
+            if id == frame.id() {
+                self.receive_rpdo(now, at, frame, app);
+            }
         }
     }
 

@@ -10,7 +10,7 @@ use protocol::address::SYNC_PERIOD;
 use protocol::{Fault, Limit, MemberStatus, Scale};
 
 use super::Application;
-use crate::agreement::{Agreement, Own, Verdict};
+use crate::agreement::{Own, Verdict};
 use crate::interlock::is_standstill;
 use crate::rhythm::Beat;
 use crate::sequence::Reception;
@@ -35,7 +35,7 @@ impl Application {
         if self.is_undecided {
             self.decide(at, members);
         }
-        self.agreement = Agreement::new();
+        self.agreement.clear();
         let before = self.setpoints.ignored();
         let received = self.group_twist.take();
         let reception = self.setpoints.on_sync(at, beat, received.as_ref(), group);
@@ -74,6 +74,7 @@ impl Application {
     }
 
     /// How many votes the decision on the latched setpoint waits for.
+    #[inline]
     pub fn votes_missing(&self) -> u32 {
         match &self.configuration {
             Some(configuration) if self.is_undecided => {

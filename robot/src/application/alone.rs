@@ -87,22 +87,31 @@ impl Application {
     }
 
     /// Ends the permission, and the declaration, that were not renewed.
+    #[inline(always)]
     pub(super) fn expire_alone(&mut self, now: Micros) {
         if self.alone.for_now {
             self.expire_declaration(now);
         }
         if self.alone.is_permitted && now >= self.alone.permitted_until {
-            self.alone.is_permitted = false;
-            if self.identification.is_running {
-                self.end_identification(now);
-            } else if self.state == State::Alone {
-                self.transition(state::Event::Left, now);
-            }
+            self.end_permission(now);
+        }
+    }
+
+    /// The permission was not renewed.
+    #[cold]
+    #[inline(never)]
+    fn end_permission(&mut self, now: Micros) {
+        self.alone.is_permitted = false;
+        if self.identification.is_running {
+            self.end_identification(now);
+        } else if self.state == State::Alone {
+            self.transition(state::Event::Left, now);
         }
     }
 
     /// Who declared the robot alone has to stay: without a master it is a member again.
     #[cold]
+    #[inline(never)]
     fn expire_declaration(&mut self, now: Micros) {
         let timeout_ms = self.parameters.unsigned(HEARTBEAT_TIMEOUT);
         let silent = self.last_heartbeat + Micros(u64::from(timeout_ms) * 1_000);

@@ -76,11 +76,17 @@ impl Application {
     }
 
     /// Rule 4: what has run out by `now`.
+    #[inline(always)]
     pub fn supervise(&mut self, now: Micros) {
         self.expire_alone(now);
-        if now < self.runs_out {
-            return;
+        if now >= self.runs_out {
+            self.run_out(now);
         }
+    }
+
+    /// Something may have run out.
+    #[inline(never)]
+    fn run_out(&mut self, now: Micros) {
         let first = self.configuration.as_ref().and_then(|configuration| {
             let timers = self.timers(configuration).into_iter().flatten();
             timers
@@ -105,6 +111,7 @@ impl Application {
     }
 
     /// Whether there is something to announce.
+    #[inline]
     pub const fn has_news(&self) -> bool {
         self.announcements.appeared | self.announcements.gone != 0
     }

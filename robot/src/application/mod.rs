@@ -218,17 +218,20 @@ impl Application {
         self.memory.record_off(report.at, is_off);
     }
 
+    #[inline]
     pub fn take_configuration(&mut self) -> Option<&Configuration> {
         let to_hand = core::mem::take(&mut self.to_hand);
         self.configuration.as_ref().filter(|_| to_hand)
     }
 
     /// Whether the LED shall show which robot it is.
+    #[inline]
     pub fn blinks(&self) -> bool {
         self.now() < self.blinks_until
     }
 
     /// Whether the outputs are off, by both sides.
+    #[inline]
     pub fn is_off(&self) -> bool {
         matches!(self.state, State::Ready | State::Faulted(_))
             && self.report.mode == Mode::Off

@@ -73,6 +73,7 @@ impl Application {
     }
 
     /// The same where there may be no SYNC.
+    #[inline]
     pub fn note_limit_at_rest(&mut self, now: Micros) {
         if self.is_at_rest() {
             self.note_limit(now);

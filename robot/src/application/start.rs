@@ -6,7 +6,7 @@ use protocol::Fault;
 use protocol::timing::HEARTBEAT_MS;
 
 use super::Application;
-use crate::agreement::{Agreement, Own};
+use crate::agreement::Own;
 use crate::configuration;
 use crate::event::Event;
 use crate::interlock::Interlock;
@@ -64,7 +64,7 @@ impl Application {
         self.alone.setpoints.restart();
         self.strain.restart();
         self.own = Own::NONE;
-        self.agreement = Agreement::new();
+        self.agreement.clear();
         self.is_undecided = false;
         self.is_late = false;
         self.interlock = Interlock::new(configuration.standstill_syncs);

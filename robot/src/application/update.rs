@@ -50,10 +50,15 @@ impl Application {
         }
     }
 
+    #[inline]
     pub fn supervise_trial(&mut self, now: Micros) {
-        if !self.update.is_on_trial() {
-            return;
+        if self.update.is_on_trial() {
+            self.judge_trial(now);
         }
+    }
+
+    #[inline(never)]
+    fn judge_trial(&mut self, now: Micros) {
         let is_recent = |last: Micros| last != Micros::ZERO && now.since(last).0 < RECENT_US;
         let is_on_bus = is_recent(self.last_sync) && is_recent(self.last_heartbeat);
         // The image before may be able to read what this one cannot.

@@ -180,14 +180,15 @@ impl Outputs {
             pac::TIM8.bdtr().modify(|w| w.set_moe(false));
             pac::TIM1.bdtr().modify(|w| w.set_moe(false));
         }
+        let pattern = &self.pattern;
+        // Unrolled here and below: 39 instructions fewer than loops. Worked out before anything is
+        // written, so that duties and directions change together.
+        let [a, b, c, d] = duty;
         let duty = if drivers_enabled {
-            duty.map(steps)
+            [steps(a), steps(b), steps(c), steps(d)]
         } else {
             [0; 4]
         };
-        let pattern = &self.pattern;
-        // Unrolled: 39 instructions fewer than a loop. Worked out before anything is written, so
-        // that duties and directions change together.
         let [a, b, c, d] = duty;
         if TWO_PWMS {
             let pairs = duty.map(|duty| pattern.pair(duty));
@@ -205,7 +206,12 @@ impl Outputs {
             pattern.high(c),
             pattern.high(d),
         ];
-        let back = [a, b, c, d].map(Pattern::back);
+        let back = [
+            Pattern::back(a),
+            Pattern::back(b),
+            Pattern::back(c),
+            Pattern::back(d),
+        ];
         work_out(high);
         let set = |wheel: usize| pac::TIM1.ccr(wheel).write(|w| w.0 = high[wheel]);
         set(0);

@@ -132,7 +132,9 @@ impl Meters {
 
     /// Volts at the current sensors' pins at their last conversions; 0 on a board without.
     pub fn currents(&self) -> [f32; 3] {
-        [0, 1, 2].map(|n| volts(ADC.jdr(n).read().jdata()))
+        let volts_of = |n| volts(ADC.jdr(n).read().jdata());
+        // Unrolled: a loop checks the number of the register.
+        [volts_of(0), volts_of(1), volts_of(2)]
     }
 }
 
