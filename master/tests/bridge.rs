@@ -141,7 +141,7 @@ fn what_is_no_message_ends_the_connection() {
         ),
         (
             r#"{"type":"twist","vx":1e300}"#,
-            "vx: 1e+300 is too large a number",
+            "vx: the number is too large",
         ),
         (
             r#"{"type":"twist","vx":0.1,"speed":1}"#,

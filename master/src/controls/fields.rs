@@ -40,7 +40,7 @@ impl Fields {
         };
         match value.as_f64() {
             Some(number) if number.abs() <= f64::from(f32::MAX) => Ok(Some(number)),
-            Some(_) => Err(refuse(format!("{name}: {value} is too large a number"))),
+            Some(_) => Err(refuse(format!("{name}: the number is too large"))),
             None => Err(refuse(format!("{name}: {value} is not a number"))),
         }
     }
