@@ -155,6 +155,16 @@ pub enum MasterError {
         /// SYNCs without a status.
         syncs: u32,
     },
+    /// All robots stopped reporting at once while the group was running.
+    #[error(
+        "no robot has sent a status for {syncs} SYNCs; the group ramps down. All fell silent at \
+         once: check the adapter, its cable and the robots' supply. A simulator that was late says \
+         'fell behind the clock'"
+    )]
+    MembersMissing {
+        /// SYNCs without a status.
+        syncs: u32,
+    },
     /// A robot restarted while the group was running.
     #[error(
         "node {node} restarted by itself while the group was moving; the group ramps down. Read \
@@ -290,6 +300,7 @@ impl MasterError {
             | Self::Identification { .. }
             | Self::NotReady { .. }
             | Self::MemberMissing { .. }
+            | Self::MembersMissing { .. }
             | Self::MemberLeft { .. }
             | Self::PoseLost => true,
             Self::MemberFault { fault, .. } => matches!(

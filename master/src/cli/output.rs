@@ -284,6 +284,7 @@ pub fn exit_code(error: &anyhow::Error) -> u8 {
         Some(
             MasterError::MemberFault { .. }
             | MasterError::MemberMissing { .. }
+            | MasterError::MembersMissing { .. }
             | MasterError::MemberRestarted { .. }
             | MasterError::MemberLeft { .. }
             | MasterError::PoseJumped { .. }

@@ -164,6 +164,13 @@ impl<L: Link> Group<L> {
                 _ => MasterError::MemberFault { node, fault },
             });
         }
+        let since_any = self.members.iter().map(|member| member.silent_syncs).min();
+        if let Some(syncs) = since_any
+            && syncs >= MISSING_SYNCS
+            && self.members.len() > 1
+        {
+            return Err(MasterError::MembersMissing { syncs });
+        }
         for member in &self.members {
             if member.silent_syncs >= MISSING_SYNCS {
                 return Err(MasterError::MemberMissing {

@@ -191,6 +191,22 @@ fn a_robot_that_falls_silent_stops_the_group() {
     assert_stopped(&bus);
 }
 
+/// One cause is likelier than one for each robot, so none of them is blamed.
+#[test]
+fn robots_that_fall_silent_together_are_not_blamed_one_by_one() {
+    let file = file();
+    let mut bus = FakeBus::new(&[2, 3, 4]);
+    for robot in &mut bus.robots {
+        robot.silent_from = 3_000_000;
+    }
+    let error = follow(&mut bus, &file).unwrap_err();
+    assert!(
+        matches!(error, MasterError::MembersMissing { syncs: 3 }),
+        "{error}"
+    );
+    assert_stopped(&bus);
+}
+
 /// The others report first that a member is silent; the one that is silent is named.
 #[test]
 fn the_silent_member_is_named_and_not_the_one_that_misses_it() {

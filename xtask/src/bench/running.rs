@@ -87,12 +87,12 @@ pub fn figures(group: &GroupFile, firmware: &Firmware) -> anyhow::Result<Vec<Fig
     driving.drive(MEASURED_MS / 2)?;
     let after = robot.board(|board| board.cycles());
     // Poses and wheel rates of other robots end in the interrupt.
-    let mut received: Vec<u16> = robot.received().split_off(received_before);
+    let mut received = robot.received().split_off(received_before);
     let code = |id: u16| id >> 7;
-    received.retain(|id| {
+    received.retain(|frame| {
         ![cob::pose(0), cob::wheel_rates(0)]
             .map(code)
-            .contains(&code(*id))
+            .contains(&code(frame.id))
     });
     let profile = robot.take_profile()?;
 
@@ -105,8 +105,12 @@ pub fn figures(group: &GroupFile, firmware: &Firmware) -> anyhow::Result<Vec<Fig
             .peer(6_000.0, "linorobot2"),
         most,
     ];
-    // The device handles every frame, in the order in which they come.
+    // The device handles every frame, in the order in which they come; the first may be one that
+    // had come before.
+    let first_at = received.first().map_or(0, |frame| frame.at);
     let handled = profile.calls(handle);
+    let early = handled.partition_point(|call| call.began < first_at);
+    let handled = &handled[early..];
     ensure!(
         handled.len().abs_diff(received.len()) <= 1,
         "{} frames received, {} handled",
@@ -117,7 +121,7 @@ pub fn figures(group: &GroupFile, firmware: &Firmware) -> anyhow::Result<Vec<Fig
         let of_it: Vec<Call> = handled
             .iter()
             .zip(&received)
-            .filter(|(_, received)| **received == id)
+            .filter(|(_, received)| received.id == id)
             .map(|(call, _)| *call)
             .collect();
         figures.extend(spread(name, &of_it)?);

@@ -20,7 +20,16 @@ pub struct Watched(Arc<Mutex<Inner>>);
 
 struct Inner {
     robot: EmulatedRobot,
-    received: Vec<u16>,
+    received: Vec<Received>,
+}
+
+/// A frame that the robot was given.
+#[derive(Clone, Copy)]
+pub struct Received {
+    /// Core cycle since power-on.
+    pub at: u64,
+    /// Its identifier.
+    pub id: u16,
 }
 
 impl Watched {
@@ -56,8 +65,8 @@ impl Watched {
             .context("the robot has not been profiled")
     }
 
-    /// Identifiers of the frames it has been given, in order.
-    pub fn received(&self) -> Vec<u16> {
+    /// The frames it has been given, in order.
+    pub fn received(&self) -> Vec<Received> {
         self.lock().received.clone()
     }
 
@@ -94,7 +103,11 @@ impl Robot for Watched {
 
     fn receive(&mut self, frame: &Frame) {
         let mut inner = self.lock();
-        inner.received.push(frame.id());
+        let received = Received {
+            at: inner.robot.board_mut().cycles().0,
+            id: frame.id(),
+        };
+        inner.received.push(received);
         inner.robot.receive(frame);
     }
 

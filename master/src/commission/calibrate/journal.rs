@@ -312,7 +312,9 @@ fn passes(error: &MasterError) -> bool {
             fault,
             Fault::SyncLost | Fault::SetpointOverdue | Fault::MasterSilent | Fault::MemberSilent
         ),
-        MasterError::MemberMissing { .. } | MasterError::PoseLost => true,
+        MasterError::MemberMissing { .. }
+        | MasterError::MembersMissing { .. }
+        | MasterError::PoseLost => true,
         _ => false,
     }
 }
