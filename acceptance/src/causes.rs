@@ -20,6 +20,8 @@ pub struct Promise {
     pub millis: Option<f64>,
     /// The same where smart drives turn the wheels, if that is another time, ms.
     pub smart_millis: Option<f64>,
+    /// The same on a kit with an STM32F103, if that is another time, ms.
+    pub kit_millis: Option<f64>,
     /// Largest ratio of the rate of any wheel after the cause to what was asked before it.
     pub wheel_rate: Option<f64>,
     /// Longest way of the body from the cause to rest, m.
@@ -110,10 +112,12 @@ fn row(
     let fault =
         Fault::from_code(value).context("a row has a code that the protocol does not have")?;
     ensure!(fault.name() == name, "{value:#06x} is {}", fault.name());
-    let (mut millis, mut smart_millis) = (None, None);
+    let (mut millis, mut smart_millis, mut kit_millis) = (None, None, None);
     for time in cell(5)?.split("; ") {
         if let Some(number) = time.strip_suffix(" ms with smart drives") {
             smart_millis = Some(number.parse()?);
+        } else if let Some(number) = time.strip_suffix(" ms on a kit") {
+            kit_millis = Some(number.parse()?);
         } else if let Some(number) = time.strip_suffix(" ms") {
             millis = Some(number.parse()?);
         }
@@ -134,6 +138,7 @@ fn row(
         reaction: cell(4)?.to_owned(),
         millis,
         smart_millis,
+        kit_millis,
     })
 }
 
@@ -178,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn smart_drives_may_have_a_time_of_their_own() {
+    fn smart_drives_and_a_kit_may_have_times_of_their_own() {
         let times = |text: &str| {
             let row = format!("| 20 | - | 0xFF14 WatchdogReset | - | {text} | |");
             let promise = &read(&row).unwrap()[0];
@@ -186,6 +191,9 @@ mod tests {
         };
         assert_eq!(times("94 ms"), [Some(94.0); 2]);
         assert_eq!(times("2 ms with smart drives"), [None, Some(2.0)]);
+        let kit =
+            &read("| 20 | - | 0xFF14 WatchdogReset | - | 94 ms; 96 ms on a kit | |").unwrap()[0];
+        assert_eq!((kit.millis, kit.kit_millis), (Some(94.0), Some(96.0)));
         let both = times("94 ms; 101 ms with smart drives");
         assert_eq!(both, [Some(94.0), Some(101.0)]);
     }
