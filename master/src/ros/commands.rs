@@ -366,7 +366,7 @@ pub fn judge(
         (angular.z, "angular.z"),
     ] {
         if !value.is_finite() {
-            return Err(format!("{name} is {value}, which is no velocity"));
+            return Err(format!("{name} is {value}, not a finite number"));
         }
     }
     for (value, name) in [
