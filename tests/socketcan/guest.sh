@@ -37,6 +37,16 @@ wait_for() {
     return 1
 }
 
+# Brings an interface up that slcand is about to name. /sys has the new name before the kernel finds
+# the interface by it, so only the command itself shows that the interface is there.
+bring_up() {
+    for _ in $(seq 100); do
+        if busybox ip link set "$1" up 2>/dev/null; then return; fi
+        sleep 0.1
+    done
+    busybox ip link set "$1" up
+}
+
 say "omnibus-sim serve --socketcan vcan0 --pty /dev/omnibus-can"
 "$sim" serve "$group" --socketcan vcan0 --pty /dev/omnibus-can --log sim.log >sim.out 2>&1 &
 simulator=$!
@@ -71,11 +81,7 @@ say "omnibus drive"
 say "slcand on the pseudo terminal"
 slcand -F -o -c -s8 /dev/omnibus-can slcan0 &
 adapter=$!
-for _ in $(seq 100); do
-    if [ -e /sys/class/net/slcan0 ]; then break; fi
-    sleep 0.1
-done
-busybox ip link set slcan0 up
+bring_up slcan0
 candump -n 1 -T 20000 slcan0,703:7FF
 candump -n 1 -T 20000 slcan0,583:7FF >adapted &
 asker=$!
@@ -94,11 +100,7 @@ wait $adapter || true
 say "slcand on the cable of an emulated robot"
 slcand -F -o -c -s8 -S 115200 "$cable" robot0 &
 adapter=$!
-for _ in $(seq 100); do
-    if [ -e /sys/class/net/robot0 ]; then break; fi
-    sleep 0.1
-done
-busybox ip link set robot0 up
+bring_up robot0
 candump -L robot0 >robot.log &
 robot_logger=$!
 wait_for ' 702#7F$' robot.log
