@@ -107,6 +107,10 @@ pub struct Configuration {
     pub mount: Mount,
     /// Fastest wheel rate, rad/s.
     pub wheel_rate_max: f32,
+    /// Largest speed of the group frame's origin, m/s; infinite where only wheels limit it.
+    pub speed_max: f32,
+    /// Largest yaw rate of the group, rad/s; infinite where only wheels limit it.
+    pub yaw_rate_max: f32,
     /// Limits while following.
     pub follow: ChangeLimits,
     /// Limits of the ramp to standstill.

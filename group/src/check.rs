@@ -177,11 +177,13 @@ impl Checker<'_> {
         let bad = |error: &GroupError| error.field.starts_with("robot");
         if !self.errors.borrow().iter().any(bad) {
             self.overlaps(&group, numbers.get_ref());
-            self.unreachable_speeds(&group, numbers.get_ref());
             self.votes_fit(&group, numbers.get_ref());
         }
         if self.errors.borrow().is_empty() {
             self.parameters_in_limits(&group, numbers.get_ref());
+        }
+        if self.errors.borrow().is_empty() {
+            self.robots_accept(&group, numbers.get_ref());
         }
         Ok(group)
     }

@@ -41,8 +41,9 @@ pub use model::{
     LAST_NODE, Limits, Motor, OutputStage, Robot, Rollers, StageKind, Wheel,
 };
 pub use parameters::{
-    Parameter, agreement_delay_us, compensation_set, member_mask, parameters, preview_us,
+    Parameter, ROOM, agreement_delay_us, compensation_set, member_mask, parameters, preview_us,
 };
+pub use robot::configuration::RAMP_GRACE;
 pub use simulation::{
     Battery, Contact, Driver, EncoderFault, EncoderFaultKind, EncoderNoise, Gyro, Patch, Payload,
     Plant, PoseNoise, Simulation, Tables, WheelName,

@@ -8,6 +8,10 @@ use protocol::{Address, Value, address, timing};
 
 use crate::model::{CurrentSensor, GroupFile, Robot};
 
+/// What robots permit of the limits of speed: room for what a closed loop and the corrections of a
+/// floor add to a curve.
+pub const ROOM: f32 = 1.25;
+
 /// A value to be written, under the address it goes to.
 pub type Parameter = (Address, Value);
 
@@ -187,6 +191,8 @@ pub fn parameters(file: &GroupFile, robot: &Robot, compensation: bool) -> Vec<Pa
         real(address::JERK_YAW, limits.yaw_jerk),
         real(address::DECELERATION, limits.linear_acceleration),
         real(address::DECELERATION_YAW, limits.yaw_acceleration),
+        real(address::SPEED_MAX, ROOM * limits.linear_speed),
+        real(address::YAW_RATE_MAX, ROOM * limits.yaw_rate),
         (address::GROUP_ID, Value::U8(file.group_id)),
         (address::MEMBERS, Value::U32(member_mask(file))),
         (address::SYNC_PERIOD, Value::U32(file.sync_period_us)),

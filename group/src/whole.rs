@@ -1,15 +1,18 @@
 //! Rules about the group as a whole: what robots would refuse once everything is worked out, robots
 //! that stand in each other's way, and what the file allows and can hardly mean.
 
-use kinematics::{MemberKinematics, Mount, Twist, VelocityCompensation};
+use kinematics::Twist;
+use protocol::address;
 use protocol::timing::{BIT_RATE, votes_known_us};
+use robot::ConfigurationError;
+use robot::configuration::{RAMP_GRACE, of_values};
 use toml::de::{DeTable, DeValue};
 
 use crate::check::Checker;
 use crate::declaration::real;
 use crate::model::{GroupFile, Robot};
 use crate::number::rounded;
-use crate::parameters::{agreement_delay_us, parameters};
+use crate::parameters::{ROOM, agreement_delay_us, parameters};
 
 /// Angles in degrees up to this many times an eighth of a turn in radians are checked.
 const EIGHTHS: i32 = 8;
@@ -112,53 +115,93 @@ impl Checker<'_> {
         }
     }
 
-    /// Mentions speeds that the wheels cannot give.
-    pub fn unreachable_speeds(&self, group: &GroupFile, tree: &DeTable<'_>) {
-        let ahead = |robot: &Robot| robot.max_wheel_rate * robot.geometry.wheel_radius();
-        let Some(slowest) = group
-            .robots
-            .iter()
-            .min_by(|a, b| ahead(a).total_cmp(&ahead(b)))
-        else {
-            return;
+    /// Reports what a robot would refuse when it has everything, by the robot's own rule, and
+    /// mentions speeds that its wheels cannot give.
+    pub fn robots_accept(&self, group: &GroupFile, tree: &DeTable<'_>) {
+        let mut slowest = Slowest::NONE;
+        for (index, robot) in group.robots.iter().enumerate() {
+            match of_values(parameters(group, robot, true), robot.node) {
+                Ok(configuration) => {
+                    let fastest = |unit| configuration.drivetrain.fastest(unit).into();
+                    slowest.add(robot, fastest);
+                }
+                Err(error) => self.refused(error, group, index, tree),
+            }
+        }
+        let limits = &group.limits;
+        let (linear, yaw) = (limits.linear_speed, limits.yaw_rate);
+        for (key, limit, (reached, node), unit, moves) in [
+            (
+                "linear_speed",
+                linear,
+                slowest.linear,
+                "m/s in every direction",
+                "moves",
+            ),
+            ("yaw_rate", yaw, slowest.turning, "rad/s", "turns"),
+        ] {
+            if limit > reached {
+                let own = unit.split(' ').next().unwrap_or_default();
+                let problem = format!(
+                    "is {limit} {own}, but the wheels of node {node} reach only {reached:.2} {unit}"
+                );
+                let remedy = format!("lower it, or the group {moves} slower than commanded");
+                let at = place(tree, &["limits", key]);
+                self.warn(at, &format!("limits.{key}"), &problem, &remedy);
+            }
+        }
+    }
+
+    /// Reports what a robot refuses.
+    fn refused(
+        &self,
+        error: ConfigurationError,
+        group: &GroupFile,
+        index: usize,
+        tree: &DeTable<'_>,
+    ) {
+        let node = group.robots[index].node;
+        let address = match error {
+            ConfigurationError::Missing(address) | ConfigurationError::Inconsistent(address) => {
+                address
+            }
         };
         let limits = &group.limits;
-        if limits.linear_speed > ahead(slowest) {
-            let problem = format!(
-                "is {} m/s, but the wheels of node {} reach only {:.2} m/s ahead (max_wheel_rate times \
-                 wheel_radius)",
-                limits.linear_speed,
-                slowest.node,
-                ahead(slowest)
-            );
-            self.warn(
-                place(tree, &["limits", "linear_speed"]),
-                "limits.linear_speed",
-                &problem,
-                "lower it, or the group moves slower than commanded",
-            );
-        }
-        let turning = |robot: &Robot| ahead(robot) / reach(robot);
-        let slowest = group
-            .robots
-            .iter()
-            .min_by(|a, b| turning(a).total_cmp(&turning(b)));
-        if let Some(slowest) = slowest
-            && limits.yaw_rate > turning(slowest)
-        {
-            let problem = format!(
-                "is {} rad/s, but the wheels of node {} reach only {:.2} rad/s",
-                limits.yaw_rate,
-                slowest.node,
-                turning(slowest)
-            );
-            self.warn(
-                place(tree, &["limits", "yaw_rate"]),
-                "limits.yaw_rate",
-                &problem,
-                "lower it, or the group turns slower than commanded",
-            );
-        }
+        let (key, value, speed) = match address {
+            address::DECELERATION => (
+                "linear_acceleration",
+                limits.linear_acceleration,
+                "linear_speed",
+            ),
+            address::DECELERATION_YAW => ("yaw_acceleration", limits.yaw_acceleration, "yaw_rate"),
+            _ => {
+                let object = protocol::OBJECTS.iter().find(|o| o.address == address);
+                let name = object.map_or("an object", |object| object.name);
+                let values = parameters(group, &group.robots[index], true);
+                let value = values.iter().find(|(written, _)| *written == address);
+                let value = value.and_then(|(_, value)| real(*value));
+                let value =
+                    value.map_or_else(String::new, |value| format!(" = {}", rounded(value)));
+                let problem = format!(
+                    "gives {name} ({address}){value}, which robots refuse beside the rest of it"
+                );
+                let remedy = format!("docs/can-protocol.md says at {address} what it has to fit");
+                self.report(
+                    entry(tree, index),
+                    &format!("robots[{index}]"),
+                    &problem,
+                    &remedy,
+                );
+                return;
+            }
+        };
+        let problem = format!(
+            "is {value}: node {node} would not stand within {RAMP_GRACE} s from the fastest that \
+             its wheels and {ROOM} times limits.{speed} allow"
+        );
+        let remedy = format!("raise it, or lower limits.{speed}");
+        let at = place(tree, &["limits", key]);
+        self.report(at, &format!("limits.{key}"), &problem, &remedy);
     }
 
     /// Mentions headings in degrees that would be a round number of eighths of a turn in radians.
@@ -192,20 +235,38 @@ impl Checker<'_> {
     }
 }
 
-/// How fast the fastest wheel's rim goes where the group turns with 1 rad/s about its origin, m.
-/// With rollers at 45 degrees a wheel at (x, y) of a robot that faces ahead goes with |x| + |y|.
-fn reach(robot: &Robot) -> f32 {
-    let member = Mount::new(robot.mount).ok().and_then(|mount| {
-        MemberKinematics::new(&robot.geometry, &mount, &VelocityCompensation::NONE).ok()
-    });
-    let Some(member) = member else {
-        return 0.0;
+/// What the slowest robot of a group can do, and which that is.
+struct Slowest {
+    /// m/s, in every direction.
+    linear: (f32, u8),
+    /// rad/s about the group's origin.
+    turning: (f32, u8),
+}
+
+impl Slowest {
+    /// Of no robot.
+    const NONE: Self = Self {
+        linear: (f32::INFINITY, 0),
+        turning: (f32::INFINITY, 0),
     };
-    let rates: [f32; 4] = member.inverse(Twist::new(0.0, 0.0, 1.0)).into();
-    let fastest = rates
-        .iter()
-        .fold(0.0_f32, |most, rate| most.max(rate.abs()));
-    fastest * robot.geometry.wheel_radius()
+
+    /// One more robot, whose wheels turn at most this fast for a twist, rad/s.
+    fn add(&mut self, robot: &Robot, fastest: impl Fn(Twist) -> [f32; 4]) {
+        let ahead = fastest(Twist::new(1.0, 0.0, 0.0));
+        let left = fastest(Twist::new(0.0, 1.0, 0.0));
+        let turn = fastest(Twist::new(0.0, 0.0, 1.0));
+        let keep = |known: &mut (f32, u8), rates: [f32; 4]| {
+            let fastest = rates.into_iter().map(f32::abs).fold(0.0, f32::max);
+            let reached = robot.max_wheel_rate / fastest;
+            if reached < known.0 {
+                *known = (reached, robot.node);
+            }
+        };
+        // Each wheel in the direction in which it turns fastest.
+        let along = [0, 1, 2, 3].map(|wheel: usize| ahead[wheel].hypot(left[wheel]));
+        keep(&mut self.linear, along);
+        keep(&mut self.turning, turn);
+    }
 }
 
 /// The corners of the rectangle that the wheels of a robot stand on, in the group frame: from hub

@@ -141,8 +141,8 @@ fn robots_on_the_same_floor_are_refused() {
 
 #[test]
 fn speeds_beyond_the_wheels_are_mentioned() {
-    // 15 rad/s x 0.1524 m = 2.29 m/s; turning, the far wheels are at 0.95 m and 0.37 m, which is
-    // 0.6 + 0.35 + 0.37 m of rim a radian.
+    // 15 rad/s x 0.1524 m = 2.29 m/s at the rim; a diagonal leaves that over the square root of 2.
+    // Turning, the far wheels are at 0.95 m and 0.37 m: 0.6 + 0.35 + 0.37 m of rim a radian.
     let (errors, warnings) = messages(&[
         ("max_wheel_rate = 22", "max_wheel_rate = 15"),
         ("linear_speed = 2.0", "linear_speed = 3"),
@@ -152,13 +152,52 @@ fn speeds_beyond_the_wheels_are_mentioned() {
     assert_eq!(
         warnings,
         [
-            "pair.toml:6: limits.linear_speed: is 3 m/s, but the wheels of node 2 reach only 2.29 \
-             m/s ahead (max_wheel_rate times wheel_radius); lower it, or the group moves slower \
-             than commanded",
+            "pair.toml:6: limits.linear_speed: is 3 m/s, but the wheels of node 2 reach only 1.62 \
+             m/s in every direction; lower it, or the group moves slower than commanded",
             "pair.toml:7: limits.yaw_rate: is 2.6 rad/s, but the wheels of node 2 reach only 1.73 \
              rad/s; lower it, or the group turns slower than commanded",
         ]
     );
+}
+
+/// With rollers at 30 degrees a wheel turns with vx + vy / tan(30): sin(30) of the rim's speed is
+/// left in the worst direction. In a turn a wheel at (x, y) goes with |y| + |x| / tan(30).
+#[test]
+fn speeds_follow_from_the_angle_of_the_rollers() {
+    let (errors, warnings) = messages(&[
+        ("roller_angle_deg = 45", "roller_angle_deg = 30"),
+        ("yaw_rate = 1.0", "yaw_rate = 2.2"),
+    ]);
+    assert!(errors.is_empty());
+    assert_eq!(warnings.len(), 2, "{warnings:?}");
+    let rim = 22.0 * 0.1524_f64;
+    let linear = format!("reach only {:.2} m/s", rim * 0.5);
+    let reach = 0.37 + (0.6 + 0.35) * 3.0_f64.sqrt();
+    let turning = format!("reach only {:.2} rad/s", rim / reach);
+    assert!(warnings[0].contains(&linear), "{}: {linear}", warnings[0]);
+    assert!(warnings[1].contains(&turning), "{}: {turning}", warnings[1]);
+}
+
+/// What a robot would refuse when it has everything is said before it is asked.
+#[test]
+fn what_no_robot_accepts_is_an_error() {
+    // 1.25 x 2 m/s over 0.5 m/s2 are 5 s.
+    let (errors, _) = messages(&[(
+        "yaw_rate = 1.0",
+        "yaw_rate = 1.0\nlinear_acceleration = 0.5",
+    )]);
+    assert_eq!(
+        errors,
+        [
+            "pair.toml:8: limits.linear_acceleration: is 0.5: node 2 would not stand within 3 s \
+             from the fastest that its wheels and 1.25 times limits.linear_speed allow; raise it, \
+             or lower limits.linear_speed"
+        ]
+    );
+    // A robot in the middle of long beams could turn the group faster than its limit lets it.
+    let slow = "yaw_rate = 0.4\nyaw_acceleration = 0.3";
+    let (errors, _) = messages(&[("yaw_rate = 1.0", slow)]);
+    assert!(errors.is_empty(), "{errors:?}");
 }
 
 #[test]

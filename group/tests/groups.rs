@@ -185,6 +185,12 @@ fn the_kind_of_motor_driver_is_written_with_its_default() {
     let text = std::fs::read_to_string(path).unwrap();
     let with = |keys: &str| {
         let text = text.replacen("largest_current = 40.0", "largest_current = 10.0", 1);
+        // What a smart drive reports.
+        let counts = match keys.contains("c6") {
+            true => "counts_per_revolution = 8192",
+            false => "counts_per_revolution = 40000",
+        };
+        let text = text.replacen("counts_per_revolution = 40000", counts, 1);
         text.replacen("largest_current", &format!("{keys}\nlargest_current"), 1)
     };
     for (keys, kind, wired) in [

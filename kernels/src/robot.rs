@@ -144,6 +144,8 @@ fn configuration(phase: bool) -> Option<Configuration> {
         encoder_filter: 0,
         mount,
         wheel_rate_max: 30.0,
+        speed_max: f32::INFINITY,
+        yaw_rate_max: f32::INFINITY,
         follow: ChangeLimits::new(2.4, 4.0, 100.0, 100.0),
         ramp: ChangeLimits::new(2.4, 4.0, 100.0, 100.0),
         wheels: [wheel; 4],

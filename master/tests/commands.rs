@@ -12,13 +12,17 @@ mod commissioning;
 const BUS: &str = "sim:groups/tcc-2.toml";
 
 /// A text without its digits: what was measured is the simulator's affair, and other tests'.
+/// Outside of tables, which stay aligned, it does not matter how many there are.
 fn masked(text: &str) -> String {
     let digit = |c: char| if c.is_ascii_digit() { '#' } else { c };
     let line = |line: &str| {
         if line.starts_with("exit code") {
             return format!("{line}\n");
         }
-        let line: String = line.chars().map(digit).collect();
+        let mut line: String = line.chars().map(digit).collect();
+        while !line.starts_with('│') && line.contains("##") {
+            line = line.replace("##", "#");
+        }
         line.replace("+#", "±#").replace("-#", "±#") + "\n"
     };
     text.lines().map(line).collect()

@@ -118,6 +118,8 @@ codes! {
         LateVote = 0x000F,
         /// The gyro is not believed, and turns are taken from the wheels; 0x2132:1 says why.
         Gyro = 0x0010,
+        /// The group twist is faster than 0x2030:8 and :9 allow; the group is scaled down.
+        GroupSpeed = 0x0011,
     }
 }
 

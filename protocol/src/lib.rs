@@ -65,7 +65,7 @@ pub use table::{ENTRIES, Entry, OBJECTS, RECORDS, entry};
 
 /// Version of every byte layout and object meaning in this crate. It goes up by one with any
 /// change that would make an older master or robot misread a frame.
-pub const WIRE_VERSION: u16 = 5;
+pub const WIRE_VERSION: u16 = 6;
 
 /// Product code of a robot, object 0x1018:2: "INMO" as bytes from the lowest.
 pub const PRODUCT: u32 = 0x4F4D_4E49;

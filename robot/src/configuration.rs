@@ -20,13 +20,13 @@ use control::wheel_drive::MotorLimits;
 use kinematics::{FourWheelGeometry, GeometryError, GridCompensation, Mount, Pose, Twist, Wheel};
 use protocol::address::{self as at, motor, rollers, wheel};
 use protocol::timing::{BIT_RATE, agreement_delay_us, latest_delay_us};
-use protocol::{Address, MEMBER_MASK};
+use protocol::{Address, MEMBER_MASK, Value, entry};
 
 use crate::compensation::compensation;
 use crate::parameters::Parameters;
 
 /// Longest ramp while the bus side is silent, s: the watchdog waits no longer.
-const RAMP_GRACE: f32 = 3.0;
+pub const RAMP_GRACE: f32 = 3.0;
 
 /// Longest time between two control ticks that is no fault, s.
 const LATEST_TICK: f32 = 0.020;
@@ -52,6 +52,24 @@ impl ConfigurationError {
             Self::Inconsistent(address) => address.packed() << 8 | 2,
         }
     }
+}
+
+/// What a robot `node` that has every kind of bridge makes of these values, the others being at
+/// their defaults. Values are not checked against their own limits.
+///
+/// # Errors
+/// As [`build`].
+pub fn of_values(
+    values: impl IntoIterator<Item = (Address, Value)>,
+    node: u8,
+) -> Result<Configuration, ConfigurationError> {
+    let mut parameters = Parameters::new();
+    for (address, value) in values {
+        if let Some(slot) = entry(address).and_then(|entry| entry.slot()) {
+            parameters.set(slot, value);
+        }
+    }
+    build(&parameters, node, u8::MAX)
 }
 
 /// Makes the configuration of robot `node`, whose board can drive the bridges of a mask of kinds
@@ -94,6 +112,8 @@ pub fn build(
         encoder_filter,
         mount,
         wheel_rate_max: real(at::WHEEL_RATE_MAX),
+        speed_max: group_limit(parameters, at::SPEED_MAX),
+        yaw_rate_max: group_limit(parameters, at::YAW_RATE_MAX),
         follow: change_limits(parameters, at::ACCELERATION, at::ACCELERATION_YAW),
         ramp: change_limits(parameters, at::DECELERATION, at::DECELERATION_YAW),
         wheels: [0, 1, 2, 3].map(|wheel| wheel_configuration(parameters, wheel)),
@@ -449,23 +469,29 @@ fn drives(
     Ok(drives)
 }
 
-/// From the fastest that its wheels allow, a robot has to come to rest while the watchdog still
-/// waits for a ramp.
+/// A limit of the group's motion; infinite where there is none.
+fn group_limit(parameters: &Parameters, address: Address) -> f32 {
+    Some(parameters.real(address))
+        .filter(|limit| *limit > 0.0)
+        .unwrap_or(f32::INFINITY)
+}
+
+/// From the fastest that its wheels and the group's limits allow, a robot has to come to rest while
+/// the watchdog still waits for a ramp.
 fn check_stop(parameters: &Parameters, drivetrain: &Drivetrain) -> Result<(), ConfigurationError> {
     let real = |address| parameters.real(address);
+    let translation = (at::DECELERATION, at::JERK, at::SPEED_MAX);
+    let rotation = (at::DECELERATION_YAW, at::JERK_YAW, at::YAW_RATE_MAX);
     let axes = [
-        (Twist::new(1.0, 0.0, 0.0), at::DECELERATION, at::JERK),
-        (Twist::new(0.0, 1.0, 0.0), at::DECELERATION, at::JERK),
-        (
-            Twist::new(0.0, 0.0, 1.0),
-            at::DECELERATION_YAW,
-            at::JERK_YAW,
-        ),
+        (Twist::new(1.0, 0.0, 0.0), translation),
+        (Twist::new(0.0, 1.0, 0.0), translation),
+        (Twist::new(0.0, 0.0, 1.0), rotation),
     ];
-    for (unit, deceleration, jerk) in axes {
+    for (unit, (deceleration, jerk, limit)) in axes {
         let rates: [f32; 4] = drivetrain.fastest(unit).into();
         let fastest = rates.into_iter().map(f32::abs).fold(0.0, f32::max);
-        let speed = real(at::WHEEL_RATE_MAX) / fastest;
+        let wheels = real(at::WHEEL_RATE_MAX) / fastest;
+        let speed = wheels.min(group_limit(parameters, limit));
         let stop = speed / real(deceleration) + real(deceleration) / real(jerk);
         if stop > RAMP_GRACE {
             return Err(ConfigurationError::Inconsistent(deceleration));

@@ -7,6 +7,7 @@ use super::robot::ROBOT;
 use super::simulation::SIMULATION;
 use super::{ANY, DEGREE, Field, Kind, MILLISECOND, POSITIVE, Range, field, number, to};
 use crate::check::default;
+use crate::parameters::ROOM;
 
 /// The file itself.
 pub const FILE: &[Field] = &[
@@ -72,16 +73,20 @@ const LIMITS: &[Field] = &[
         "linear_speed",
         "m/s",
         IN_A_SETPOINT,
-        "Fastest speed, at most what a setpoint on the bus can hold.",
+        "Fastest speed, at most what a setpoint on the bus can hold. Robots keep the group to 1.25 \
+         times of it.",
     )
-    .or(default::LINEAR_SPEED),
+    .or(default::LINEAR_SPEED)
+    .object(at::SPEED_MAX, ROOM as f64),
     number(
         "yaw_rate",
         "rad/s",
         IN_A_SETPOINT,
-        "Fastest turning, at most what a setpoint on the bus can hold.",
+        "Fastest turning, at most what a setpoint on the bus can hold. Robots keep the group to 1.25 \
+         times of it.",
     )
-    .or(default::YAW_RATE),
+    .or(default::YAW_RATE)
+    .object(at::YAW_RATE_MAX, ROOM as f64),
     number(
         "linear_acceleration",
         "m/s2",

@@ -29,9 +29,10 @@ forward, y left, heading counter-clockwise.
 ## What happens to a group twist
 
 At SYNC *k* every member latches the twist received before it and publishes the scale at which its
-own wheels can follow, with the sequence it latched and a checksum of what it is about to do. That
-is its vote. With the last vote every member knows the smallest scale. All apply twist(*k*) times
-that at the same time, the *agreement delay* (0x2041:5) after SYNC *k*.
+own wheels can follow and the group keeps its limits (0x2030:8 and :9), with the sequence it latched
+and a checksum of what it is about to do. That is its vote. With the last vote every member knows
+the smallest scale. All apply twist(*k*) times that at the same time, the *agreement delay*
+(0x2041:5) after SYNC *k*.
 
 A vote of a member that is in no state to follow, echoes another sequence, has another checksum or
 permits 0, stops the group as soon as all votes are in: all ramp down along the direction of motion

@@ -24,6 +24,11 @@ records! { LIMITS_RECORDS:
             "Ramp angular deceleration", "rad/s^2", real(0.05, 50.0, 1.0)
         ),
             "The same about z; the slower of the two decides.";
+        SPEED_MAX = 8: parameter("Maximum group speed", "m/s", real(0.0, 20.0, 0.0)),
+            "Largest speed of the group frame's origin: a faster setpoint is scaled down. 0: what \
+             the wheels can follow. The same in every member.";
+        YAW_RATE_MAX = 9: parameter("Maximum group yaw rate", "rad/s", real(0.0, 20.0, 0.0)),
+            "The same about z.";
     }
     0x2031 "Thresholds" {
         SLIP_LIMIT = 1: parameter("Slip limit", "rad/s", real(0.0, 60.0, 1.0)),

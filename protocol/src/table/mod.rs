@@ -55,6 +55,8 @@ pub const COMMON: &[Address] = &[
     at::JERK_YAW,
     at::DECELERATION,
     at::DECELERATION_YAW,
+    at::SPEED_MAX,
+    at::YAW_RATE_MAX,
     at::GROUP_ID,
     at::MEMBERS,
     at::SYNC_PERIOD,

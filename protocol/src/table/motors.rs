@@ -10,7 +10,7 @@ records! { WHEELS_RECORDS:
             "Encoder counts per revolution", "counts", real(16.0, 1_000_000.0, 2048.0)
         ),
             "All edges counted, in a revolution of the encoder's shaft: of the wheel where \
-             0x2018:1 is 1. May be a fraction.";
+             0x2018:1 is 1. May be a fraction. Smart drives report 8192.";
         ENCODER_REVERSED = 2: required("Reversed encoders", "", byte(0, 15, 0)),
             "Bit 0 front left, 1 front right, 2 rear left, 3 rear right: this encoder counts down \
              when the wheel rolls the base forward.";

@@ -4,6 +4,7 @@
 //! The rules themselves are in [`crate::agreement`] and [`crate::interlock`].
 
 use control::configuration::Configuration;
+use control::math::sqrt;
 use control::time::Micros;
 use kinematics::{Twist, desaturate};
 use protocol::address::SYNC_PERIOD;
@@ -181,9 +182,23 @@ impl Application {
             State::Ready | State::Alone | State::Ramping(_) | State::Faulted(_) => false,
         };
         if let Some(configuration) = self.able().filter(|_| permits) {
-            self.own.scale = permitted(configuration, latched.twist);
+            let wheels = permitted(configuration, latched.twist);
+            let (speed, yaw_rate) = (configuration.speed_max, configuration.yaw_rate_max);
+            let group = Scale::new(within(latched.twist, speed, yaw_rate));
+            self.own.scale = wheels.min(group);
+            self.own_limit = match group < wheels {
+                true => Limit::GroupSpeed,
+                false => Limit::WheelRate,
+            };
         }
     }
+}
+
+/// The factor, 1 at most, at which a twist is no faster than these, m/s and rad/s.
+pub(super) fn within(twist: Twist, speed: f32, yaw_rate: f32) -> f32 {
+    let along = sqrt(twist.vx * twist.vx + twist.vy * twist.vy);
+    let over = (along / speed).max(twist.omega.abs() / yaw_rate);
+    1.0 / over.max(1.0)
 }
 
 /// The scale at which this robot's wheels can make the group move like that.

@@ -4,12 +4,12 @@
 
 use canopen::{AbortCode, NmtState};
 use control::configuration::Configuration;
-use control::math::sqrt;
 use control::time::Micros;
 use kinematics::Twist;
+use protocol::Limit;
 use protocol::address::{HEARTBEAT_TIMEOUT, MEMBERS};
 
-use super::agree::permitted;
+use super::agree::{permitted, within};
 use super::{Application, Received};
 use crate::rhythm::Beat;
 use crate::sequence::{Reception, Setpoints};
@@ -139,6 +139,7 @@ impl Application {
         let twist = configuration.mount.to_group(slowly(latched.twist));
         self.scale = permitted(configuration, twist);
         self.scale_is_own = true;
+        self.own_limit = Limit::WheelRate;
         self.transition(state::Event::OwnSetpoint, at);
         self.aim(at, twist * self.scale.factor(), latched.sequence);
     }
@@ -146,7 +147,5 @@ impl Application {
 
 /// A twist in the robot's frame, brought down to what is safe beside a person.
 fn slowly(twist: Twist) -> Twist {
-    let speed = sqrt(twist.vx * twist.vx + twist.vy * twist.vy);
-    let over = (speed / SPEED).max(twist.omega.abs() / YAW_RATE);
-    twist * (1.0 / over.max(1.0))
+    twist * within(twist, SPEED, YAW_RATE)
 }

@@ -115,6 +115,8 @@ pub(crate) struct Application {
     /// In force.
     pub scale: Scale,
     scale_is_own: bool,
+    /// What this robot's own scale is due to.
+    own_limit: Limit,
     /// Why this member, though started, permits no motion.
     waits: Option<Limit>,
 
@@ -174,6 +176,7 @@ impl Application {
             group_byte: None,
             scale: Scale::ZERO,
             scale_is_own: false,
+            own_limit: Limit::WheelRate,
             waits: None,
             alone: Alone::new(),
             identification: Identification::new(),

@@ -102,7 +102,7 @@ impl Application {
                 Some(Limit::Setpoint)
             } else if moving && self.scale < Scale::ONE {
                 Some(if self.scale_is_own {
-                    Limit::WheelRate
+                    self.own_limit
                 } else {
                     Limit::GroupScale
                 })

@@ -218,6 +218,45 @@ fn rule_2_one_slow_member_slows_the_whole_body_and_the_body_keeps_its_shape() {
     assert_eq!(world.status(2).code, Code::Limit(Limit::GroupScale));
 }
 
+/// A setpoint faster than the group may be is made slower, in its direction, whatever the wheels
+/// could do; both limits count.
+#[test]
+fn rule_2_a_setpoint_beyond_the_groups_limits_is_scaled_down() {
+    let asked = Twist::new(0.3, 0.4, 0.2);
+    for (speed, yaw_rate, expected) in [
+        (0.25, 0.0, 0.5),
+        (0.0, 0.05, 0.25),
+        (0.4, 0.1, 0.5),
+        (0.5, 0.2, 1.0),
+        (0.0, 0.0, 1.0),
+    ] {
+        let mut world = World::new(&[2, 3, 4]);
+        world.configure();
+        for node in [2, 3, 4] {
+            for (address, limit) in [(at::SPEED_MAX, speed), (at::YAW_RATE_MAX, yaw_rate)] {
+                world.write(node, address, Value::F32(limit)).unwrap();
+            }
+        }
+        world.start();
+        world.run(30);
+        world.release();
+        world.drive(asked, 2000);
+        let held = reference(&world, 0);
+        for (held, asked) in [
+            (held.vx, asked.vx),
+            (held.vy, asked.vy),
+            (held.omega, asked.omega),
+        ] {
+            assert!((held - expected * asked).abs() < 1e-4, "{held} of {asked}");
+        }
+        let code = match expected < 1.0 {
+            true => Code::Limit(Limit::GroupSpeed),
+            false => Code::None,
+        };
+        assert_eq!(world.status(3).code, code, "{speed} {yaw_rate}");
+    }
+}
+
 /// Drives, lets something happen, and checks that all that still drive ramp down together, along
 /// the direction of motion, with the common deceleration, and hold.
 fn ramps_down(happen: impl Fn(&mut World), still_drive: &[usize], fault: Fault) {

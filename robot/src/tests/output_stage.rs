@@ -392,6 +392,14 @@ fn parameters_that_do_not_fit_are_refused_by_name() {
         (&[(at::DECELERATION, real(0.4))], at::DECELERATION),
         // 0.89 rad/s about a point 1 m away, and 0.25 rad/s^2: 3.5 s.
         (&[(at::DECELERATION_YAW, real(0.25))], at::DECELERATION_YAW),
+        // What the group may do is less than its wheels can, and still too much: 0.8 rad/s.
+        (
+            &[
+                (at::DECELERATION_YAW, real(0.25)),
+                (at::YAW_RATE_MAX, real(0.8)),
+            ],
+            at::DECELERATION_YAW,
+        ),
         // 11 rad/s, a million counts: 35 000 counts in 20 ms.
         (
             &[
@@ -419,6 +427,13 @@ fn parameters_that_do_not_fit_are_refused_by_name() {
         world.run(50);
         assert_eq!(world.robots[0].outputs, Outputs::SAFE, "{parameters:?}");
     }
+    // A group that turns slowly, 0.6 rad/s, stands after 2.4 s.
+    let slow = [
+        (at::DECELERATION_YAW, real(0.25)),
+        (at::YAW_RATE_MAX, real(0.6)),
+    ];
+    let status = world_with(&slow).read(2, at::CONFIGURATION_STATUS);
+    assert_eq!(status, Ok(0));
 }
 
 /// What C620 drives need to be told beside their kind.

@@ -191,7 +191,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         .file_stem()
         .map(|stem| stem.to_string_lossy().into_owned());
     let name = arguments.name.clone().or(stem).unwrap_or_default();
-    let text = file(arguments, &name, &robot, &motor, &places);
+    let text = file(arguments, &name, &robot, &motor, &places)?;
     let shown = path.display().to_string();
     let found = Examination::of(&shown, &text);
     if let Some(error) = found.errors.first() {

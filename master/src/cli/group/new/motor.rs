@@ -1,7 +1,9 @@
 //! A robot as its owner knows it; from that its motor as seen from the wheel, and the limits that
 //! its wheels can follow.
 
-use anyhow::bail;
+use anyhow::{Context as _, bail};
+use group::{RAMP_GRACE, ROOM};
+use kinematics::{FourWheelGeometry, MemberKinematics, Mount, Pose, Twist, VelocityCompensation};
 
 use super::quantity::{CURRENT, LENGTH, MASS, PLAIN, SPEED, TORQUE, VOLTAGE};
 use super::{Answers, Arguments};
@@ -127,6 +129,9 @@ pub(super) struct Motor {
 /// Share of what a motor can do that a group file asks of it: what is left is for the wheel loops.
 pub(super) const RESERVE: f64 = 0.8;
 
+/// Fastest wheel that a robot can be told of, rad/s: object 0x2030:1.
+pub(super) const FASTEST: f64 = 65.0;
+
 /// Friction that a rubber roller surely has on a clean floor, a ratio of forces, for the limit of
 /// the acceleration.
 pub(super) const FRICTION: f64 = 0.35;
@@ -205,26 +210,54 @@ pub(super) struct Limits {
     pub(super) yaw_acceleration: f64,
 }
 
+/// Time in which a group comes to rest from its limits, s: less than the robots ask for.
+const REST: f64 = 0.9 * RAMP_GRACE as f64;
+
 impl Limits {
-    pub(super) fn of(robot: &Robot, places: &[[f64; 3]]) -> Self {
-        let wheel_rate = down(RESERVE * robot.no_load_rate);
+    /// With rollers at an angle in degrees, for robots at these places (m, m, degrees).
+    ///
+    /// # Errors
+    /// When the dimensions make no robot.
+    pub(super) fn of(robot: &Robot, angle: f64, places: &[[f64; 3]]) -> anyhow::Result<Self> {
         let radius = robot.diameter / 2.0;
-        let rim = wheel_rate * radius;
-        // The farthest wheel of the group turns it; rollers at 45 degrees ask for |x| + |y|.
-        let far = |[x, y, _]: &[f64; 3]| x.abs() + y.abs() + (robot.track + robot.wheelbase) / 2.0;
-        let reach = places.iter().map(far).fold(0.0, f64::max);
-        // Half of the stall torque of four wheels, and what the floor holds: rollers at 45 degrees
-        // share the push between ahead and aside.
-        let push = 4.0 * 0.5 * robot.stall_torque / radius / robot.mass;
-        let acceleration = down(push.min(FRICTION * GRAVITY / std::f64::consts::SQRT_2));
-        Self {
-            wheel_rate,
+        let (track, wheelbase) = (robot.track / 2.0, robot.wheelbase / 2.0);
+        let [track, wheelbase, rim] = [track, wheelbase, radius].map(|length| length as f32);
+        let angle = angle.to_radians();
+        let geometry = FourWheelGeometry::new(track, wheelbase, rim, angle as f32)
+            .map_err(|error| anyhow::anyhow!("these dimensions make no robot: {error}"))?;
+        // Wheel rates for 1 m/s ahead, 1 m/s to the left, 1 rad/s.
+        let (mut along, mut turn) = (0.0_f64, 0.0_f64);
+        for [x, y, heading] in places {
+            let pose = Pose::new(*x as f32, *y as f32, heading.to_radians() as f32);
+            let mount = Mount::new(pose).context("--robot")?;
+            let member = MemberKinematics::new(&geometry, &mount, &VelocityCompensation::NONE)
+                .context("--robot")?;
+            let rates = |twist| <[f32; 4]>::from(member.inverse(twist)).map(f64::from);
+            let ahead = rates(Twist::new(1.0, 0.0, 0.0));
+            let left = rates(Twist::new(0.0, 1.0, 0.0));
             // In every direction, the diagonals too.
-            speed: down(rim / std::f64::consts::SQRT_2),
-            yaw_rate: down((rim / reach).min(1.5)),
-            acceleration,
-            yaw_acceleration: down((acceleration / reach).min(4.0)),
+            let fastest = ahead.into_iter().zip(left).map(|(x, y)| x.hypot(y));
+            along = fastest.fold(along, f64::max);
+            let fastest = rates(Twist::new(0.0, 0.0, 1.0)).map(f64::abs);
+            turn = fastest.into_iter().fold(turn, f64::max);
         }
+        let wheel_rate = down(RESERVE * robot.no_load_rate).min(FASTEST);
+        let reach = turn * radius;
+        // Half of the stall torque of four wheels ahead and sideways, and what the floor holds:
+        // rollers share the push between ahead and aside.
+        let worst = (1.0 / angle.tan()).min(1.0);
+        let push = 4.0 * 0.5 * robot.stall_torque / radius / robot.mass * worst;
+        let floor = FRICTION * GRAVITY * angle.sin().min(angle.cos());
+        let acceleration = down(push.min(floor));
+        let yaw_acceleration = down((acceleration / reach).min(4.0));
+        let rests = |acceleration: f64| acceleration * REST / f64::from(ROOM);
+        Ok(Self {
+            wheel_rate,
+            speed: down((wheel_rate / along).min(rests(acceleration))),
+            yaw_rate: down((wheel_rate / turn).min(1.5).min(rests(yaw_acceleration))),
+            acceleration,
+            yaw_acceleration,
+        })
     }
 }
 

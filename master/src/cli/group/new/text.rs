@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use group::FIRST_NODE;
 
 use super::Arguments;
-use super::motor::{Limits, Motor, Robot, short};
+use super::motor::{FASTEST, Limits, Motor, Robot, short};
 
 /// The file itself.
 pub(super) fn file(
@@ -14,8 +14,8 @@ pub(super) fn file(
     robot: &Robot,
     motor: &Motor,
     places: &[[f64; 3]],
-) -> String {
-    let limits = Limits::of(robot, places);
+) -> anyhow::Result<String> {
+    let limits = Limits::of(robot, arguments.roller_angle, places)?;
     let quoted = toml_edit::Value::from(name).to_string();
     let mut out = format!(
         "# Every key is explained in docs/group-files.md; `omnibus group check` checks this file.\n\
@@ -41,7 +41,7 @@ pub(super) fn file(
          half_wheelbase = {} # m\n\
          wheel_radius = {} # m\n\
          roller_angle_deg = {}\n\
-         max_wheel_rate = {} # rad/s: 80 % of the no-load speed\n\n\
+         max_wheel_rate = {} # rad/s: {}\n\n\
          [robot.encoder]\n\
          counts_per_revolution = {}\n\
          gear_ratio = {}\n\n",
@@ -50,6 +50,10 @@ pub(super) fn file(
         short(robot.diameter / 2.0),
         arguments.roller_angle,
         limits.wheel_rate,
+        match limits.wheel_rate < FASTEST {
+            true => "80 % of the no-load speed",
+            false => "the fastest that a robot can be told of",
+        },
         robot.counts,
         robot.gear_ratio,
     );
@@ -101,7 +105,7 @@ pub(super) fn file(
         }
         out.push('\n');
     }
-    aligned(out.trim_end())
+    Ok(aligned(out.trim_end()))
 }
 
 /// The same text with the comments behind values in one column.
