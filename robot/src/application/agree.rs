@@ -22,7 +22,7 @@ impl Application {
     pub(super) fn agree(&mut self, at: Micros, counter: Option<u8>) {
         self.last_sync = at;
         let period_us = self.parameters.unsigned(SYNC_PERIOD);
-        self.clock.on_sync(at, period_us as f32);
+        self.clock.on_sync(at, period_us);
         let beat = self.rhythm.on_sync(at, counter, period_us);
         let Some(configuration) = &self.configuration else {
             return;
