@@ -5,6 +5,7 @@
 
 use control::configuration::Configuration;
 use control::time::Micros;
+use control::twist::to;
 use kinematics::{Twist, desaturate};
 use protocol::address::SYNC_PERIOD;
 use protocol::{Fault, Limit, MemberStatus, Scale};
@@ -48,7 +49,7 @@ impl Application {
         if let Some(configuration) = &self.configuration
             && let Some(fault) = self
                 .strain
-                .on_sync(at, self.report.measured(), configuration)
+                .on_sync(at, to(self.report.measured), configuration)
             && self.state == State::Moving
         {
             self.transition(state::Event::Failed(fault), at);
