@@ -22,7 +22,7 @@ use kinematics::{
 
 use crate::quantity::{Lever, Quantity, Rate, Ratio, Velocity};
 use crate::rollers::Rolling;
-use crate::twist::{quantities, single, to};
+use crate::twist::{quantities, scaled, single, to};
 
 /// The kinematics that take the tick's own numbers.
 #[cfg(feature = "fixed-point")]
@@ -158,7 +158,8 @@ impl Drivetrain {
     /// Wheel rates (rad/s) that make the group move with this twist (group frame).
     #[must_use]
     pub fn inverse(&self, group: Twist) -> WheelRates {
-        let rates = self.rates::<16>(to(self.setpoint(group)));
+        // Up to 32 768 rad/s. A product is rounded to the nearest, a change of resolution is not.
+        let rates = self.rates::<16>(scaled(self.setpoint(group), const { Ratio::new(1.0) }));
         WheelRates::from(rates.map(Quantity::to_f32))
     }
 
