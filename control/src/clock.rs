@@ -78,7 +78,6 @@ impl SyncClock {
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_possible_wrap,
-        clippy::cast_sign_loss,
         reason = "at most nine periods, of which the error is half of one"
     )]
     pub fn on_sync(&mut self, at: Micros, period_us: u32) {
