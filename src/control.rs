@@ -15,7 +15,7 @@ use core::mem::MaybeUninit;
 use ::control::clock::TickSchedule;
 use ::control::configuration::Configuration;
 use ::control::interface::{Inputs, Report};
-use ::control::quantity::{Drive, InputVoltage};
+use ::control::quantity::Drive;
 use ::control::tick::ControlSide;
 use ::control::time::Micros;
 use embassy_sync::blocking_mutex::Mutex;
@@ -142,7 +142,7 @@ impl Control {
             emergency_stop: parts.outputs.emergency_stop(),
             drive_fault: line.then_some(Fault::DriverFault).or(drive_fault),
             protective_stop: parts.lines.protective_stop(),
-            supply_input: Some(InputVoltage::new(parts.meters.supply())),
+            supply_input: Some(parts.meters.supply()),
             gyro: parts.gyro.read(),
             current_inputs: self.senses.then(|| parts.meters.currents()),
         };

@@ -320,7 +320,7 @@ impl Bench {
             (WAVE, 4) => (u32::from(self.wave.periods), 1),
             (STOP, 8..=13) => (self.low[at - 8], 4),
             (ENCODER, 6..=9) => (u32::from(self.encoders.counts()[at - 6]), 2),
-            (METERS, 1) => (millivolts(self.meters.supply()), 2),
+            (METERS, 1) => (millivolts(self.meters.supply().to_f32()), 2),
             (METERS, 2..=4) => (millivolts(self.meters.currents()[at - 2]), 2),
             (CLOCK, 1) => (now().0 as u32, 4),
             (CLOCK, 2) => (probe::core_hz(), 4),

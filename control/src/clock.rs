@@ -18,17 +18,25 @@
 
 use crate::time::{Micros, TICK_US};
 
-/// Part of the phase error that is corrected at once.
-const PHASE_GAIN: f32 = 1.0 / 32.0;
+/// Part of the phase error that is corrected at once, as a shift: a 32nd.
+const PHASE_SHIFT: u32 = 5;
 
-/// Part of the phase error that goes into the period: critically damped, PHASE_GAIN^2 / 4.
-const PERIOD_GAIN: f32 = 1.0 / 4096.0;
+/// Part of the phase error that goes into the period, as a shift: critically damped, a quarter of
+/// the square of the other, a 4096th.
+const PERIOD_SHIFT: u32 = 2 * PHASE_SHIFT + 2;
 
-/// Largest deviation of the period that is accepted: 500 ppm.
-const MAX_DRIFT: f32 = 500e-6;
+/// Fractional bits of a microsecond in the loop: 1e-6 us. A core without a floating-point unit
+/// needs a fifth of the time for whole numbers.
+const FRACTION: u32 = 20;
+
+/// Largest deviation of the period that is accepted, in a microsecond: 500 ppm.
+const MAX_DRIFT: i32 = (1 << FRACTION) / 2_000;
 
 /// Missing SYNCs that are bridged.
-const MAX_GAP: f32 = 8.0;
+const MAX_GAP: u32 = 8;
+
+/// Longest period for which the drift fits, us. The protocol's longest is 100 ms.
+const MAX_PERIOD_US: u32 = 200_000;
 
 /// Largest shift of one tick, us: 2 % of the tick, but some.
 pub const MAX_SHIFT_US: u32 = if TICK_US < 50 { 1 } else { TICK_US / 50 };
@@ -46,10 +54,10 @@ const FOLLOW_US: u32 = 3_000;
 pub struct SyncClock {
     /// The last SYNC as estimated, whole microseconds.
     at: Micros,
-    /// And the rest, 0 to 1 us.
-    rest_us: f32,
-    /// Period minus nominal period, us, in this member's time.
-    drift_us: f32,
+    /// And the rest, 0 to 1 us, in steps of 2^-20 us.
+    rest: i32,
+    /// Period minus nominal period in this member's time, in the same steps.
+    drift: i32,
     locked: bool,
 }
 
@@ -59,37 +67,45 @@ impl SyncClock {
     pub const fn new() -> Self {
         Self {
             at: Micros(0),
-            rest_us: 0.0,
-            drift_us: 0.0,
+            rest: 0,
+            drift: 0,
             locked: false,
         }
     }
 
-    /// A SYNC was received at `at`; they are meant to come every `period_us`.
-    pub fn on_sync(&mut self, at: Micros, period_us: f32) {
-        let elapsed_us = u32::try_from(at.since(self.at).0).unwrap_or(u32::MAX) as f32;
-        let periods = elapsed_us / period_us;
-        if !self.locked || periods > MAX_GAP {
+    /// A SYNC was received at `at`; they are meant to come every `period_us`, at most
+    /// [`MAX_PERIOD_US`].
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_possible_wrap,
+        reason = "at most nine periods, of which the error is half of one"
+    )]
+    pub fn on_sync(&mut self, at: Micros, period_us: u32) {
+        let period_us = period_us.min(MAX_PERIOD_US);
+        let elapsed_us = u32::try_from(at.since(self.at).0).unwrap_or(u32::MAX);
+        if !self.locked || elapsed_us > MAX_GAP * period_us {
             self.at = at;
-            self.rest_us = 0.0;
+            self.rest = 0;
             self.locked = true;
             return;
         }
-        if periods < 0.5 {
+        if 2 * elapsed_us <= period_us {
             // Twice in one period: the bus side decides whether there is a second master.
             return;
         }
-        let periods = whole(periods + 0.5);
-        let expected_us = self.rest_us + f32::from(periods) * (period_us + self.drift_us);
-        let error_us = elapsed_us - expected_us;
-        // Constant bounds: `clamp` checks any others, and its message would format floats, 17 KiB
-        // of it.
-        let drift = (self.drift_us + PERIOD_GAIN * error_us) / period_us;
-        self.drift_us = drift.clamp(-MAX_DRIFT, MAX_DRIFT) * period_us;
-        let moved_us = expected_us + PHASE_GAIN * error_us;
-        let whole_us = whole_us(moved_us);
-        self.rest_us = moved_us - whole_us as f32;
-        self.at = self.at + Micros(u64::from(whole_us));
+        let periods = (elapsed_us + period_us / 2) / period_us;
+        let nominal_us = periods * period_us;
+        // What the estimate moves by beyond the nominal time.
+        let expected = self.rest + periods as i32 * self.drift;
+        let off_us = elapsed_us as i32 - nominal_us as i32;
+        let error = (i64::from(off_us) << FRACTION) - i64::from(expected);
+        let most = period_us as i32 * MAX_DRIFT;
+        let drift = self.drift + (error >> PERIOD_SHIFT) as i32;
+        self.drift = drift.max(-most).min(most);
+        let moved = i64::from(expected) + (error >> PHASE_SHIFT);
+        self.rest = moved as i32 & ((1 << FRACTION) - 1);
+        let moved_us = (moved >> FRACTION) as i32;
+        self.at = self.at + Micros(u64::from(nominal_us.wrapping_add_signed(moved_us)));
     }
 
     /// Time of the last SYNC without jitter; `None` before the first.
@@ -100,27 +116,10 @@ impl SyncClock {
 
     /// Apparent excess of SYNC's period over nominal, us: the crystals' difference.
     #[must_use]
+    #[expect(clippy::cast_precision_loss, reason = "some hundred us in 24 bits")]
     pub const fn drift_us(&self) -> f32 {
-        self.drift_us
+        self.drift as f32 / (1 << FRACTION) as f32
     }
-}
-
-#[expect(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "positive and small here; the cast saturates"
-)]
-fn whole(value: f32) -> u8 {
-    value as u8
-}
-
-#[expect(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "positive and small here; the cast saturates"
-)]
-fn whole_us(value: f32) -> u32 {
-    value as u32
 }
 
 /// Decides when the next control tick begins, so that all members tick together.
@@ -161,7 +160,7 @@ impl TickSchedule {
         let fits = self.period_us != 0 && self.period_us.is_multiple_of(TICK_US);
         if fits && at != self.last_sync {
             self.last_sync = at;
-            self.clock.on_sync(at, self.period_us as f32);
+            self.clock.on_sync(at, self.period_us);
             let half = self.period_us / 2 / TICK_US * TICK_US;
             let later = Micros(half.min(FOLLOW_US).into());
             self.follows_at = self.clock.estimate().map_or(at, |sync| sync + later);
@@ -335,7 +334,7 @@ mod tests {
         let mut clock = SyncClock::new();
         for k in 1..=100_u64 {
             if k % 7 != 0 {
-                clock.on_sync(Micros(k * 10_000), 10_000.0);
+                clock.on_sync(Micros(k * 10_000), 10_000);
             }
         }
         assert_eq!(clock.estimate(), Some(Micros(1_000_000)));
@@ -344,8 +343,8 @@ mod tests {
     #[test]
     fn a_long_pause_starts_over() {
         let mut clock = SyncClock::new();
-        clock.on_sync(Micros(10_000), 10_000.0);
-        clock.on_sync(Micros(5_003_333), 10_000.0);
+        clock.on_sync(Micros(10_000), 10_000);
+        clock.on_sync(Micros(5_003_333), 10_000);
         assert_eq!(clock.estimate(), Some(Micros(5_003_333)));
     }
 

@@ -22,7 +22,7 @@ use kinematics::{
 
 use crate::quantity::{Lever, Quantity, Rate, Ratio, Velocity};
 use crate::rollers::Rolling;
-use crate::twist::{quantities, single, to};
+use crate::twist::{quantities, scaled, single, to};
 
 /// The kinematics that take the tick's own numbers.
 #[cfg(feature = "fixed-point")]
@@ -158,7 +158,9 @@ impl Drivetrain {
     /// Wheel rates (rad/s) that make the group move with this twist (group frame).
     #[must_use]
     pub fn inverse(&self, group: Twist) -> WheelRates {
-        self.wheels.inverse(self.setpoint(group))
+        // Up to 32 768 rad/s. A product is rounded to the nearest, a change of resolution is not.
+        let rates = self.rates::<16>(scaled(self.setpoint(group), const { Ratio::new(1.0) }));
+        WheelRates::from(rates.map(Quantity::to_f32))
     }
 
     /// The fastest that each wheel has to turn for this twist, wherever its rollers stand, rad/s
@@ -169,7 +171,7 @@ impl Drivetrain {
             return self.inverse(group);
         };
         // Rates are linear in the secant, so the fastest is at one of its ends.
-        let asked = self.setpoint(group);
+        let asked = single(self.setpoint(group));
         let slow: [f32; 4] = rolling.wheels.inverse(asked, &rolling.least).into();
         let fast: [f32; 4] = rolling.wheels.inverse(asked, &rolling.largest).into();
         let [a, b, c, d] = slow;
@@ -191,7 +193,12 @@ impl Drivetrain {
         group: Motion<FRACTION>,
         factors: &Factors,
     ) -> [Quantity<FRACTION>; 4] {
-        let member = self.asked(group, factors);
+        self.rates(self.asked(group, factors))
+    }
+
+    /// The wheels' rates for what they are asked for.
+    #[inline]
+    fn rates<const FRACTION: u32>(&self, member: Motion<FRACTION>) -> [Quantity<FRACTION>; 4] {
         let wheels: [_; 4] = raw(&self.wheels)
             .inverse(Twist {
                 vx: member.vx.scalar(),
@@ -304,13 +311,24 @@ impl Drivetrain {
     }
 
     #[inline]
-    fn setpoint(&self, group: Twist) -> Twist {
-        let coefficients = self.at(quantities(group));
-        single(self.member(quantities::<SETPOINT>(group), &coefficients))
+    fn setpoint(&self, group: Twist) -> Motion<SETPOINT> {
+        let group = quantities::<SETPOINT>(group);
+        let coefficients = self.at(to(group));
+        self.member(group, &coefficients)
+    }
+
+    /// A twist of the group at the place of this robot, in its frame.
+    #[must_use]
+    pub fn here<const FRACTION: u32>(&self, group: Motion<FRACTION>) -> Motion<FRACTION> {
+        self.mount.member(group)
     }
 
     fn at(&self, group: Twist<Rate>) -> Coefficients {
-        let member = single(self.mount.member(group));
+        let member = if self.is_constant() {
+            Twist::ZERO
+        } else {
+            single(self.mount.member(group))
+        };
         self.compensation.coefficients(member).map(Ratio::new)
     }
 }

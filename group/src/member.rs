@@ -71,10 +71,10 @@ impl Checker<'_> {
                 &e.max_wheel_rate,
                 &d.max_wheel_rate,
                 &format!(
-                    "is {max_wheel_rate} rad/s, but the motor reaches only {:.1}",
-                    motor.no_load_rate()
+                    "is {max_wheel_rate} rad/s, but the motors of robots[{index}] reach only {:.1}",
+                    motor.no_load_rate().max(0.0)
                 ),
-                "lower it, or fix motor.supply and motor.constant",
+                "lower it, or fix the values of `motor`",
             );
         }
         let encoder = Encoder {
@@ -113,6 +113,10 @@ impl Checker<'_> {
         let rollers = self.known_rollers(&field, e, d);
         let output = self.output_stage(&field, e, d);
         let board = e.board.as_ref().or(d.board.as_ref());
+        let board = board.map_or_else(Board::default, |board| *board.get_ref());
+        if board == Board::KitF103rc {
+            field.fits_kit(&output, &e.motor, &d.motor);
+        }
         let compensation = self.compensation(&field, e, d)?;
         let compensation_table = self.compensation_table(&field, e, d, &compensation);
         Ok(Robot {
@@ -124,7 +128,7 @@ impl Checker<'_> {
             compensation_table: compensation_table?,
             rollers: rollers?,
             max_wheel_rate,
-            board: board.map_or_else(Board::default, |board| *board.get_ref()),
+            board,
             encoder,
             output,
             motor,

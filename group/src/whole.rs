@@ -2,7 +2,7 @@
 //! that stand in each other's way, and what the file allows and can hardly mean.
 
 use kinematics::Twist;
-use protocol::address;
+use protocol::address::{self, Address, motor};
 use protocol::timing::{BIT_RATE, votes_known_us};
 use robot::ConfigurationError;
 use robot::configuration::{RAMP_GRACE, of_values};
@@ -10,12 +10,16 @@ use toml::de::{DeTable, DeValue};
 
 use crate::check::Checker;
 use crate::declaration::real;
-use crate::model::{GroupFile, Robot};
+use crate::model::{Board, GroupFile, Robot};
 use crate::number::rounded;
 use crate::parameters::{ROOM, agreement_delay_us, parameters};
 
 /// Angles in degrees up to this many times an eighth of a turn in radians are checked.
 const EIGHTHS: i32 = 8;
+
+/// Largest acceleration feedforward of a robot in fixed point, V s^2/rad: 8, which has no number
+/// itself, less one step of an `f32` (docs/numbers.md).
+const FIXED_POINT_FEEDFORWARD: f64 = 7.999_999_5;
 
 /// Where a key stands in the tree; the start of the file if it is left out.
 fn place(tree: &DeTable<'_>, path: &[&str]) -> usize {
@@ -49,22 +53,52 @@ impl Checker<'_> {
                 let Some(object) = protocol::OBJECTS.iter().find(|o| o.address == address) else {
                     continue;
                 };
-                if value.check(object.min, object.max).is_ok() {
-                    continue;
-                }
-                let (field, remedy) = match address.index {
-                    0x2051 => ("motor", "fix `motor` and `control`"),
-                    _ => ("wheels", "fix this entry"),
-                };
+                let is_allowed = value.check(object.min, object.max).is_ok();
                 let (Some(value), Some(min), Some(max)) =
                     (real(value), real(object.min), real(object.max))
                 else {
                     continue;
                 };
+                let of =
+                    |parameter: fn(u16) -> Address| (0..4).any(|wheel| parameter(wheel) == address);
+                let max = if robot.board == Board::KitF103rc && of(motor::acceleration) {
+                    FIXED_POINT_FEEDFORWARD
+                } else {
+                    max
+                };
+                if is_allowed && value <= max {
+                    continue;
+                }
+                let (field, remedy) = if of(motor::acceleration) {
+                    (
+                        "motor.inertia",
+                        "lower it or `motor.resistance`, or fix `motor.constant`",
+                    )
+                } else if of(motor::proportional) {
+                    (
+                        "control.proportional",
+                        "lower it: it counts times `motor.supply`",
+                    )
+                } else if of(motor::integral) {
+                    (
+                        "control.integral",
+                        "lower it: it counts times `motor.supply`",
+                    )
+                } else if of(motor::speed) || of(motor::static_friction) {
+                    ("motor", "fix the values of `motor`")
+                } else {
+                    ("wheels", "fix this entry")
+                };
                 let problem = format!(
-                    "gives {} ({address}) = {}, which robots accept from {min} to {max} {}",
+                    "gives {} ({address}) = {}, which {} from {min} to {} {}",
                     object.name,
                     rounded(value),
+                    if is_allowed {
+                        "a `kit-f103rc` accepts"
+                    } else {
+                        "robots accept"
+                    },
+                    rounded(max),
                     object.unit,
                 );
                 let field = format!("robots[{index}].{field}");

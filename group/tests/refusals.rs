@@ -269,8 +269,57 @@ fn a_dimension_left_out() {
 fn wheel_rate_beyond_the_motor() {
     assert_eq!(
         refusal("max_wheel_rate = 22", "max_wheel_rate = 31"),
-        "pair.toml:13: robot.max_wheel_rate: is 31 rad/s, but the motor reaches only 30.0; \
-         lower it, or fix motor.supply and motor.constant"
+        "pair.toml:13: robot.max_wheel_rate: is 31 rad/s, but the motors of robots[0] reach only 30.0; \
+         lower it, or fix the values of `motor`"
+    );
+}
+
+/// The refusal of a second robot that is a kit, with this in its `motor`.
+fn kit(motor: &str) -> String {
+    let entry = format!("board = \"kit-f103rc\"\nmotor = {{ {motor} }}");
+    refusal("compensation = { lateral = 1.033 }", &entry)
+}
+
+#[test]
+fn a_kit_with_what_it_is_not_wired_for() {
+    assert_eq!(
+        kit(""),
+        "pair.toml:21: robots[1].motor.output_stage: is not for a `kit-f103rc`; give \
+         `in-in-brake` or `in-in-fast`: its bridges have two PWMs a wheel"
+    );
+    assert_eq!(
+        kit("output_stage = \"in-in-fast\", largest_current = 2, current_scale = 10"),
+        "pair.toml:25: robots[1].motor.current_scale: is not for a `kit-f103rc`; remove it: the \
+         board has no inputs for current sensors"
+    );
+}
+
+/// Fixed point has no number for 8 V s^2/rad (docs/numbers.md); a robot with floats takes 50.
+#[test]
+fn a_kit_whose_wheels_are_too_heavy_for_fixed_point() {
+    let heavy = |inertia: &str| format!("output_stage = \"in-in-brake\", inertia = {inertia}");
+    assert_eq!(
+        kit(&heavy("30")),
+        "pair.toml:21: robots[1].motor.inertia: gives Acceleration feedforward (2021:3) = 11.25, \
+         which a `kit-f103rc` accepts from 0 to 8 V s^2/rad; lower it or `motor.resistance`, or \
+         fix `motor.constant`"
+    );
+    let other = VALID.replace(
+        "compensation = { lateral = 1.033 }",
+        "motor = { inertia = 30 }",
+    );
+    GroupFile::parse("pair.toml", &other).unwrap();
+}
+
+#[test]
+fn a_gain_that_is_too_high_in_volts() {
+    assert_eq!(
+        refusal(
+            "compensation = { lateral = 1.033 }",
+            "control = { proportional = 5 }"
+        ),
+        "pair.toml:21: robots[1].control.proportional: gives Proportional gain (2021:4) = 120, \
+         which robots accept from 0 to 100 V s/rad; lower it: it counts times `motor.supply`"
     );
 }
 

@@ -40,37 +40,40 @@ pub const INVALID_I24: i32 = -0x80_0000;
 
 const MAX_I24: i32 = 0x7F_FFFF;
 
-/// Nearest integer to `value` after saturating it at `±limit`, halves away from zero; not for NaN.
-/// The limit is at most [`MAX_I24`], so whole numbers and rests are exact (adding a half first
-/// would make a one of 0.49999997).
-#[expect(
-    clippy::cast_possible_truncation,
-    reason = "the limit is an i32, and the fraction is handled separately"
-)]
-fn nearest(value: f32, limit: i32) -> i32 {
-    let bound = limit as f32;
-    if value.abs() >= bound {
-        return if value < 0.0 { -limit } else { limit };
-    }
-    let whole = value as i32;
-    let rest = value - whole as f32;
-    if rest >= 0.5 {
-        whole + 1
-    } else if rest <= -0.5 {
-        whole - 1
+/// Nearest integer to `value` after saturating it at `±limit`, halves away from zero; `None` for
+/// NaN. The limit is at most [`MAX_I24`].
+///
+/// From the bits of the float: each of some ten operations with it is a call on a core without a
+/// floating-point unit, and the others take as many instructions either way.
+#[expect(clippy::cast_possible_wrap, reason = "at most 2^24")]
+fn nearest(value: f32, limit: i32) -> Option<i32> {
+    /// Exponent of a float whose digits are whole numbers: at least 2^23.
+    const WHOLE: u32 = 127 + 23;
+    let bits = value.to_bits();
+    let magnitude = bits & 0x7FFF_FFFF;
+    let (exponent, digits) = (magnitude >> 23, (magnitude & 0x007F_FFFF) | 0x0080_0000);
+    let steps = if exponent >= WHOLE {
+        if magnitude > f32::INFINITY.to_bits() {
+            return None;
+        }
+        limit
     } else {
-        whole
-    }
+        // Less than a half has no digit left after a shift by 25.
+        let shift = (WHOLE - exponent).min(25);
+        let steps = (digits + (1 << (shift - 1))) >> shift;
+        (steps as i32).min(limit)
+    };
+    let sign = bits.cast_signed() >> 31;
+    Some((steps ^ sign) - sign)
 }
 
 /// The magnitude of `value` in steps, rounded to nearest and saturated to 254; NaN becomes
 /// [`INVALID_U8`].
 #[must_use]
 pub fn encode_magnitude(value: f32, steps: f32) -> u8 {
-    if value.is_nan() {
-        return INVALID_U8;
-    }
-    u8::try_from(nearest(value.abs() * steps, i32::from(INVALID_U8) - 1)).unwrap_or(INVALID_U8)
+    nearest(value.abs() * steps, i32::from(INVALID_U8) - 1)
+        .and_then(|steps| u8::try_from(steps).ok())
+        .unwrap_or(INVALID_U8)
 }
 
 /// `raw` steps as a number, or `None` when the field is marked invalid.
@@ -82,10 +85,9 @@ pub fn decode_magnitude(raw: u8, steps: f32) -> Option<f32> {
 /// `value` in steps, rounded to nearest and saturated to +-32767; NaN becomes [`INVALID_I16`].
 #[must_use]
 pub fn encode_i16(value: f32, steps: f32) -> i16 {
-    if value.is_nan() {
-        return INVALID_I16;
-    }
-    i16::try_from(nearest(value * steps, i32::from(i16::MAX))).unwrap_or(INVALID_I16)
+    nearest(value * steps, i32::from(i16::MAX))
+        .and_then(|steps| i16::try_from(steps).ok())
+        .unwrap_or(INVALID_I16)
 }
 
 /// `raw` steps as a number, or `None` when the field is marked invalid.
@@ -97,10 +99,7 @@ pub fn decode_i16(raw: i16, steps: f32) -> Option<f32> {
 /// `value` in steps, rounded to nearest and saturated to +-8388607; NaN becomes [`INVALID_I24`].
 #[must_use]
 pub fn encode_i24(value: f32, steps: f32) -> i32 {
-    if value.is_nan() {
-        return INVALID_I24;
-    }
-    nearest(value * steps, MAX_I24)
+    nearest(value * steps, MAX_I24).unwrap_or(INVALID_I24)
 }
 
 /// `raw` steps as a number, or `None` when the field is marked invalid.
@@ -133,10 +132,10 @@ mod tests {
         assert_eq!(encode_i16(0.000_151, VELOCITY_STEPS), 2);
         assert_eq!(encode_i16(-0.000_149, VELOCITY_STEPS), -1);
         assert_eq!(encode_i16(-0.000_151, VELOCITY_STEPS), -2);
-        assert_eq!(nearest(2.5, 9), 3);
-        assert_eq!(nearest(-2.5, 9), -3);
+        assert_eq!(nearest(2.5, 9), Some(3));
+        assert_eq!(nearest(-2.5, 9), Some(-3));
         // Adding a half and truncating would make a one of this.
-        assert_eq!(nearest(0.499_999_97, 9), 0);
+        assert_eq!(nearest(0.499_999_97, 9), Some(0));
     }
 
     #[test]
@@ -154,8 +153,8 @@ mod tests {
         // `f32::round`, which `core` lacks: halves away from zero.
         for bits in (0..=f32::to_bits(MAX_I24 as f32)).step_by(97) {
             let value = f32::from_bits(bits);
-            assert_eq!(nearest(value, MAX_I24), value.round() as i32);
-            assert_eq!(nearest(-value, MAX_I24), -(value.round() as i32));
+            assert_eq!(nearest(value, MAX_I24), Some(value.round() as i32));
+            assert_eq!(nearest(-value, MAX_I24), Some(-(value.round() as i32)));
         }
     }
 

@@ -11,17 +11,22 @@ use protocol::{FIRST_ROBOT, Fault, MAX_ROBOTS};
 
 use control::configuration::Configuration;
 use control::math::sqrt;
-use control::quantity::Rate;
+use control::quantity::{Quantity, Rate};
 use control::threshold::{Hysteresis, Lasting};
+use control::twist::{quantities, single, still};
+
+/// A velocity that differs from another one, m/s or rad/s: 6.6 rad/s at the end of a lever of 71 m
+/// are 464 m/s.
+type Strained = Quantity<20>;
 
 /// Compares measured twists at every SYNC.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub(crate) struct Strain {
-    twists: [Twist; MAX_ROBOTS],
+    twists: [Twist<Strained>; MAX_ROBOTS],
     /// Which of them came since the last SYNC, one bit each.
     received: u32,
     /// What this robot published at the last SYNC.
-    own: Twist,
+    own: Twist<Strained>,
     worst: f32,
     limit: Hysteresis,
     fault: Lasting,
@@ -30,9 +35,9 @@ pub(crate) struct Strain {
 impl Strain {
     pub const fn new() -> Self {
         Self {
-            twists: [Twist::ZERO; MAX_ROBOTS],
+            twists: [still(); MAX_ROBOTS],
             received: 0,
-            own: Twist::ZERO,
+            own: still(),
             worst: 0.0,
             limit: Hysteresis { active: false },
             fault: Lasting::new(),
@@ -43,7 +48,7 @@ impl Strain {
     pub fn record(&mut self, node: u8, measured: Twist) {
         let place = usize::from(node.wrapping_sub(FIRST_ROBOT));
         if let Some(twist) = self.twists.get_mut(place) {
-            *twist = measured;
+            *twist = quantities(measured);
             self.received |= 1 << place;
         }
     }
@@ -52,7 +57,7 @@ impl Strain {
     pub fn on_sync(
         &mut self,
         at: Micros,
-        measured: Twist,
+        measured: Twist<Strained>,
         configuration: &Configuration,
     ) -> Option<Fault> {
         let mut worst_squared = 0.0_f32;
@@ -66,7 +71,8 @@ impl Strain {
             if !is_new || !configuration.is_member(node) {
                 continue;
             }
-            let here = configuration.mount.to_member(*twist - self.own);
+            let drivetrain = &configuration.drivetrain;
+            let here = single(drivetrain.here(*twist - self.own));
             worst_squared = worst_squared.max(here.vx * here.vx + here.vy * here.vy);
         }
         self.own = measured;

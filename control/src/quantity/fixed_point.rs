@@ -147,6 +147,13 @@ impl<const FRACTION: u32> Quantity<FRACTION> {
         Quantity(narrow(self.0 as i64 * other.0 as i64, shift))
     }
 
+    /// So many of it.
+    #[must_use]
+    #[inline(always)]
+    pub const fn many(self, count: u16) -> Self {
+        Self(self.0.saturating_mul(count as i32))
+    }
+
     /// The same in another resolution.
     #[must_use]
     #[inline(always)]

@@ -108,6 +108,13 @@ impl<const FRACTION: u32> Quantity<FRACTION> {
         Quantity(self.0 * other.0)
     }
 
+    /// So many of it.
+    #[must_use]
+    #[inline(always)]
+    pub const fn many(self, count: u16) -> Self {
+        Self(self.0 * count as f32)
+    }
+
     /// The same in another resolution.
     #[must_use]
     #[inline(always)]

@@ -109,6 +109,37 @@ impl Checker<'_> {
 }
 
 impl Member<'_, '_> {
+    /// Refuses what a kit's board is not wired for (docs/boards.md).
+    pub(super) fn fits_kit(
+        &self,
+        output: &OutputStage,
+        own: &schema::Motor,
+        shared: &schema::Motor,
+    ) {
+        if !output.kind.has_two_pwms() {
+            let (key, problem) = ("motor.output_stage", "is not for a `kit-f103rc`");
+            let remedy = "give `in-in-brake` or `in-in-fast`: its bridges have two PWMs a wheel";
+            self.refuse(
+                key,
+                &own.output_stage,
+                &shared.output_stage,
+                problem,
+                remedy,
+            );
+        }
+        if output.current_sensor.is_some() {
+            let (key, problem) = ("motor.current_scale", "is not for a `kit-f103rc`");
+            let remedy = "remove it: the board has no inputs for current sensors";
+            self.refuse(
+                key,
+                &own.current_scale,
+                &shared.current_scale,
+                problem,
+                remedy,
+            );
+        }
+    }
+
     /// A whole number within bounds.
     fn whole(
         &self,

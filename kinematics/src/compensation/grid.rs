@@ -85,6 +85,9 @@ impl Axis {
     #[inline]
     fn coefficient(&self, speed: f32) -> f32 {
         const LAST: f32 = INTERVALS as f32;
+        if self.is_constant() {
+            return self.low;
+        }
         let place = speed.abs() * self.per_speed;
         let place = if place > LAST { LAST } else { place };
         let at = (place as usize).min(INTERVALS - 1);

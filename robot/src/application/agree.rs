@@ -6,6 +6,7 @@
 use control::configuration::Configuration;
 use control::math::sqrt;
 use control::time::Micros;
+use control::twist::to;
 use kinematics::{Twist, desaturate};
 use protocol::address::SYNC_PERIOD;
 use protocol::{Fault, Limit, MemberStatus, Scale};
@@ -23,7 +24,7 @@ impl Application {
     pub(super) fn agree(&mut self, at: Micros, counter: Option<u8>) {
         self.last_sync = at;
         let period_us = self.parameters.unsigned(SYNC_PERIOD);
-        self.clock.on_sync(at, period_us as f32);
+        self.clock.on_sync(at, period_us);
         let beat = self.rhythm.on_sync(at, counter, period_us);
         let Some(configuration) = &self.configuration else {
             return;
@@ -49,7 +50,7 @@ impl Application {
         if let Some(configuration) = &self.configuration
             && let Some(fault) = self
                 .strain
-                .on_sync(at, self.report.measured(), configuration)
+                .on_sync(at, to(self.report.measured), configuration)
             && self.state == State::Moving
         {
             self.transition(state::Event::Failed(fault), at);

@@ -191,12 +191,10 @@ impl Outputs {
         };
         let [a, b, c, d] = duty;
         if TWO_PWMS {
-            let pairs = duty.map(|duty| pattern.pair(duty));
-            for (channels, duties) in WIRING.channels.into_iter().zip(pairs) {
-                for (channel, high) in channels.into_iter().zip(duties) {
-                    channel.timer().ccr(channel.number).write(|w| w.0 = high);
-                }
-            }
+            write_pair(0, pattern.pair(a));
+            write_pair(1, pattern.pair(b));
+            write_pair(2, pattern.pair(c));
+            write_pair(3, pattern.pair(d));
             self.enable(drivers_enabled, brake_released);
             return;
         }
@@ -344,6 +342,14 @@ fn write_pins(pins: [Pin; 4], level: impl Fn(usize, Pin) -> u32, turn: impl Fn(u
     if d.port != a.port && d.port != b.port && d.port != c.port {
         write(d);
     }
+}
+
+/// Writes for how many clocks the two PWMs of a wheel are high.
+#[inline(always)]
+fn write_pair(wheel: usize, [first, second]: [u32; 2]) {
+    let [one, other] = WIRING.channels[wheel];
+    one.timer().ccr(one.number).write(|w| w.0 = first);
+    other.timer().ccr(other.number).write(|w| w.0 = second);
 }
 
 /// Lowers the direction pins and their inverses.

@@ -10,6 +10,7 @@
 //! theirs, of 1.16 to 1.24 V (table 13), is not better than a board's regulator. There are no
 //! current sensors.
 
+use control::quantity::InputVoltage;
 use embassy_stm32::pac;
 use embassy_stm32::pac::adc::vals::SampleTime;
 
@@ -17,7 +18,7 @@ use crate::board::WIRING;
 use crate::board::stm32::pin::Role;
 
 /// Volts of one step.
-const STEP: f32 = 3.3 / 4096.0;
+const STEP: InputVoltage = InputVoltage::new(3.3 / 4096.0);
 
 const ADC: pac::adc::Adc = pac::ADC1;
 
@@ -57,8 +58,8 @@ impl Meters {
     }
 
     /// Volts at the supply's pin at the last conversion.
-    pub fn supply(&self) -> f32 {
-        f32::from(ADC.dr().read().data()) * STEP
+    pub fn supply(&self) -> InputVoltage {
+        STEP.many(ADC.dr().read().data())
     }
 
     /// There are none.

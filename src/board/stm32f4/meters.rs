@@ -17,6 +17,7 @@
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
+use control::quantity::InputVoltage;
 use embassy_stm32::pac;
 use embassy_stm32::pac::adc::Adc;
 use embassy_stm32::pac::adccommon::vals::Adcpre;
@@ -126,8 +127,8 @@ impl Meters {
     }
 
     /// Volts at the supply's pin at the last conversion.
-    pub fn supply(&self) -> f32 {
-        volts(ADC.dr().read().data())
+    pub fn supply(&self) -> InputVoltage {
+        InputVoltage::new(volts(ADC.dr().read().data()))
     }
 
     /// Volts at the current sensors' pins at their last conversions; 0 on a board without.
