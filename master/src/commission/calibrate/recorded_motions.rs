@@ -282,9 +282,9 @@ fn aligned(samples: &[RateSample]) -> Vec<(f64, f64)> {
 /// robot adds up every sample of its gyro in its heading, while a yaw rate would be one of five.
 fn turns(headings: impl Iterator<Item = (f64, f64)>) -> Vec<(f64, f64)> {
     let mut before = None;
-    let rate = |(t, heading)| {
+    let rate = |(t, heading): (f64, f64)| {
         let rate = before.map_or(0.0, |(since, from): (f64, f64)| {
-            let turn: f64 = heading - from;
+            let turn = heading - from;
             (turn - (turn / TAU).round() * TAU) / (t - since)
         });
         before = Some((t, heading));
