@@ -10,7 +10,7 @@ use group::{GroupFile, Plant};
 use kinematics::Twist;
 use omnibus::session::Group;
 use omnibus::simulation::link::SimLink;
-use protocol::{Address, Code, GyroState, Kind, Limit, Value, address as at};
+use protocol::{Address, Code, GyroState, Kind, Limit, RobotReport, Value, address as at};
 use sim::{Backend, Options, World};
 
 const NODE: u8 = 2;
@@ -32,13 +32,16 @@ tests! { board_c:
     turns_are_the_gyros_where_wheels_slip
     a_gyro_that_fails_is_named_and_the_robot_drives_on
     a_gyro_that_is_not_there_does_not_keep_a_robot_from_driving
-    a_pdo_can_carry_the_yaw_rate
+    a_pdo_carries_the_yaw_rate_while_the_wheels_slip
+    a_pdo_says_that_a_gyro_is_not_used
 }
 
 tests! { native:
     the_yaw_rate_is_that_of_the_robot
     turns_are_the_gyros_where_wheels_slip
     a_gyro_that_is_not_there_does_not_keep_a_robot_from_driving
+    a_pdo_carries_the_yaw_rate_while_the_wheels_slip
+    a_pdo_says_that_a_gyro_is_not_used
 }
 
 fn board_c() -> Backend {
@@ -55,6 +58,14 @@ fn native() -> Backend {
 fn file() -> GroupFile {
     let mut group = common::group("c620");
     group.robots[0].board = group::Board::RobomasterC;
+    group
+}
+
+/// On a floor where its wheels slip.
+fn slippery() -> GroupFile {
+    let mut group = file();
+    group.simulation.plant = Plant::Contact { rollers: 8 };
+    group.simulation.contact.friction = Some(0.1);
     group
 }
 
@@ -147,9 +158,7 @@ fn the_yaw_rate_is_that_of_the_robot(robots: &Backend) {
 /// Turns to and fro and drives between, on a floor where the wheels slip; how far the odometry's
 /// heading is off at the end.
 fn drift(robots: &Backend, defect: Option<GyroDefect>) -> f64 {
-    let mut group = file();
-    group.simulation.plant = Plant::Contact { rollers: 8 };
-    group.simulation.contact.friction = Some(0.1);
+    let group = slippery();
     let mut link = link(&group, robots);
     link.world.set_gyro_defect(0, defect);
     let mut session = started(&mut link, &group, 4);
@@ -209,44 +218,56 @@ fn a_gyro_that_fails_is_named_and_the_robot_drives_on(robots: &Backend) {
     }
 }
 
-/// TPDO4, switched off, mapped to 0x2132:2 alone and switched on again (CiA 301 7.5.2.38), comes
-/// with every SYNC and has the rate of the turn, within five deviations of the noise (1.8 counts).
-fn a_pdo_can_carry_the_yaw_rate(robots: &Backend) {
-    const PARAMETER: Address = Address::new(0x1803, 1);
-    const MAPPING: u16 = 0x1A03;
-    const OFF: u32 = 1 << 31;
-    let group = file();
+/// TPDO5 comes with every SYNC. From rest to rest, on a floor where the wheels slip, its yaw rates
+/// add up to the turn of the robot, within five deviations of the noise (1.8 counts each), and
+/// those of MeasuredTwist, which are the wheels', do not.
+fn a_pdo_carries_the_yaw_rate_while_the_wheels_slip(robots: &Backend) {
+    let group = slippery();
     let mut link = link(&group, robots);
-    let mut session = Group::connect(&mut link, &group).unwrap();
-    session.configure(false).unwrap();
-    let id = u32::from(protocol::cob::wheel_rates(NODE));
-    let rate = at::GYRO_RATE.packed() << 8 | 32;
-    for (address, value) in [
-        (PARAMETER, Value::U32(id | OFF)),
-        (Address::new(MAPPING, 0), Value::U8(0)),
-        (Address::new(MAPPING, 1), Value::U32(rate)),
-        (Address::new(MAPPING, 0), Value::U8(1)),
-        (PARAMETER, Value::U32(id)),
-    ] {
-        session.wire().write(NODE, address, value).unwrap();
-    }
-    session.start().unwrap();
-    drive(&mut session, Twist::ZERO, 200);
-    let twist = Twist::new(0.0, 0.0, 0.8);
-    drive(&mut session, twist, 150);
+    let mut session = started(&mut link, &group, 4);
+    let from = heading(&mut session);
     let port = session.link().world.add_port();
-    drive(&mut session, twist, 50);
-    let mut rates = Vec::new();
+    drive(&mut session, Twist::new(0.0, 0.0, 1.0), 100);
+    drive(&mut session, Twist::ZERO, 100);
+    let turned = heading(&mut session) - from;
+    let (mut wheels, mut rates) = (0.0, Vec::new());
     while let Some((_, frame)) = session.link().world.take_received(port) {
-        if u32::from(frame.id()) == id {
-            let bytes = frame.data().try_into().expect("four bytes");
-            rates.push(f64::from(f32::from_le_bytes(bytes)));
+        match RobotReport::decode(frame.id(), frame.data()) {
+            Some((NODE, RobotReport::Measured(measured))) => {
+                wheels += f64::from(measured.twist.omega) * 0.01;
+            }
+            Some((NODE, RobotReport::YawRate(report))) => {
+                rates.push(f64::from(report.yaw_rate.unwrap()));
+            }
+            _ => {}
         }
     }
-    assert!(rates.len() >= 49, "{}", rates.len());
-    for rate in rates {
-        assert!((rate - 0.8).abs() < 10.0 * COUNT, "{rate}");
+    assert!(rates.len() >= 199, "{}", rates.len());
+    let gyro = rates.iter().sum::<f64>() * 0.01;
+    let noise = 5.0 * 1.8 * COUNT * 0.01 * 200_f64.sqrt();
+    println!("turned {turned}, by the PDO {gyro}, by the wheels {wheels}, noise {noise} rad");
+    assert!((gyro - turned).abs() < noise, "{gyro} {turned}");
+    assert!((wheels - turned).abs() > 10.0 * noise, "{wheels} {turned}");
+}
+
+/// The PDO of a gyro that has failed has no yaw rate.
+fn a_pdo_says_that_a_gyro_is_not_used(robots: &Backend) {
+    let group = file();
+    let mut link = link(&group, robots);
+    link.world.set_gyro_defect(0, Some(GyroDefect::Absent));
+    let mut session = started(&mut link, &group, 1);
+    let port = session.link().world.add_port();
+    drive(&mut session, Twist::ZERO, 10);
+    let mut said = 0;
+    while let Some((_, frame)) = session.link().world.take_received(port) {
+        if let Some((NODE, RobotReport::YawRate(report))) =
+            RobotReport::decode(frame.id(), frame.data())
+        {
+            assert_eq!(report.yaw_rate, None);
+            said += 1;
+        }
     }
+    assert!(said >= 9, "{said}");
 }
 
 /// Nothing at the other end, or another chip (0x1E is the number of the accelerometer beside it).

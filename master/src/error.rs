@@ -3,7 +3,7 @@
 //! that was moving is ramped down by the code that receives one.
 
 use canopen::{AbortCode, NmtState};
-use protocol::{Fault, MemberState};
+use protocol::{Fault, GyroState, MemberState};
 
 use crate::bus::foreign::Sign;
 use crate::bus::link::LinkError;
@@ -250,6 +250,15 @@ pub enum MasterError {
         /// What is wrong.
         problem: String,
     },
+    /// Phases were to be found by the gyro on a robot's board, which does not use one.
+    #[error("node {node}: the gyro on its board is not used, 0x2132:1 says \"{}\"; {}",
+        .state.text(), gyro_remedy(*.state))]
+    BoardGyro {
+        /// The robot.
+        node: u8,
+        /// What the robot says of it.
+        state: GyroState,
+    },
     /// A wheel turned once and its encoder's index was not seen.
     #[error(
         "node {node}: the index of the {wheel} wheel was not detected within one turn (object \
@@ -321,6 +330,19 @@ impl MasterError {
 /// A state as last heard.
 fn known(state: Option<impl std::fmt::Debug>) -> String {
     state.map_or_else(|| "unknown".into(), |state| format!("{state:?}"))
+}
+
+/// What to do about a gyro that is not used.
+const fn gyro_remedy(state: GyroState) -> &'static str {
+    match state {
+        GyroState::None => "give --gyro tcp://HOST:PORT or --pose tcp://HOST:PORT",
+        GyroState::Starting | GyroState::InUse => {
+            "let the robot stand for two seconds, with its wheels still"
+        }
+        GyroState::Missing | GyroState::Stuck | GyroState::Implausible | GyroState::Silent => {
+            "start the robot's program again, and see \"Gyro\" in docs/bring-up.md"
+        }
+    }
 }
 
 /// What to do about an SDO abort.

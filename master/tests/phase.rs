@@ -19,6 +19,7 @@ use omnibus::abort::Abort;
 use omnibus::bus::link::Link as _;
 use omnibus::commission::calibrate::journal::Journal;
 use omnibus::commission::calibrate::recorded_motions::{self, Source};
+use omnibus::commission::calibrate::rollers;
 use omnibus::path::course::Course;
 use omnibus::path::curve::Curve;
 use omnibus::run::Drive;
@@ -32,6 +33,15 @@ use omnibus::source::gyro::GyroStream;
 const NOISE: f64 = 0.005 * TAU / 360.0;
 /// The rims' sideways speed in the motions of the calibration, m/s.
 const SIDEWAYS: f64 = 1.65 * 0.12;
+
+/// Steps of the headings that robots send, rad, and SYNCs in a second.
+const HEADING_STEP: f64 = 1e-4;
+const SYNCS: f64 = 100.0;
+/// The fastest rim in these motions, m/s, and its radius, m.
+const FASTEST_RIM: f64 = 2.3 * 0.12;
+const RADIUS: f64 = 0.1524;
+/// The board of a group file's robots, without and with a gyro.
+const WITH_BOARD: (&str, &str) = ("[robot]", "[robot]\nboard = \"robomaster-c\"");
 
 /// A robot of the group files with other rollers.
 struct Robot {
@@ -64,6 +74,14 @@ impl Robot {
             rollers,
             degrees,
         }
+    }
+
+    /// On the board that has a gyro.
+    fn with_board(self) -> Self {
+        let text = std::fs::read_to_string(&self.path).unwrap();
+        let text = text.replacen(WITH_BOARD.0, WITH_BOARD.1, 1);
+        std::fs::write(&self.path, text).unwrap();
+        self
     }
 
     /// What the command finds: phases and half intervals of 95 %, rad; or what it says instead.
@@ -100,11 +118,18 @@ impl Robot {
     }
 
     /// See the head of this file.
-    fn bound(&self) -> f64 {
+    fn bound(&self, source: &str) -> f64 {
         let n = f64::from(self.rollers);
         let lever = 0.370 + 0.350 / self.degrees.to_radians().tan();
         let amplitude = 2.0 / (n * n) * SIDEWAYS / (4.0 * lever);
-        let deviation = NOISE / (amplitude * 80_f64.sqrt()) / n;
+        // Steps of headings, evenly spread: noise of an angle, and of its rate times the ripple's
+        // angular frequency, the most of which the fastest wheel has.
+        let steps = if source == "robot" {
+            HEADING_STEP / (12.0 * SYNCS).sqrt() * n * FASTEST_RIM / RADIUS
+        } else {
+            0.0
+        };
+        let deviation = NOISE.hypot(steps) / (amplitude * 80_f64.sqrt()) / n;
         4.0 * deviation + 1e-3 * TAU / n
     }
 
@@ -150,17 +175,20 @@ impl Drop for Robot {
 }
 
 /// Calibrates a robot; how many of its four intervals hold the truth.
-fn calibrate(name: &str, which: (u8, f64, u64), drives: bool) -> usize {
-    let robot = Robot::new(name, which, "");
-    let [found, intervals] = robot.calibrated(&["--gyro", "sim"]).unwrap();
+fn calibrate(name: &str, which: (u8, f64, u64), source: &str, drives: bool) -> usize {
+    let mut robot = Robot::new(name, which, "");
+    if source == "robot" {
+        robot = robot.with_board();
+    }
+    let [found, intervals] = robot.calibrated(&["--gyro", source]).unwrap();
     let errors = robot.errors(&found);
     println!(
         "{which:?}: off by {:.3?} degrees, bound {:.3}",
         errors.map(f64::to_degrees),
-        robot.bound().to_degrees()
+        robot.bound(source).to_degrees()
     );
     for error in errors {
-        assert!(error.abs() < robot.bound());
+        assert!(error.abs() < robot.bound(source));
     }
     if drives {
         robot.drives_straight(&found);
@@ -176,12 +204,59 @@ fn a_gyro_shows_the_phases() {
     let mut inside = 0;
     for rollers in [8, 10, 12] {
         for seed in [3, 2, 1] {
-            inside += calibrate("gyro", (rollers, 45.0, seed), seed == 1);
+            inside += calibrate("gyro", (rollers, 45.0, seed), "sim", seed == 1);
         }
     }
-    inside += calibrate("leaning", (8, 52.0, 1), true);
+    inside += calibrate("leaning", (8, 52.0, 1), "sim", true);
     println!("{inside} of 40");
     assert!(inside >= 35);
+}
+
+/// Nothing is plugged in: the gyro is that of the board, and comes over the bus as headings, which
+/// have steps of their own. Native robots have both an index and this gyro. Of 12 intervals the
+/// truth is outside of 4 or more once in 450 times.
+#[test]
+fn the_gyro_on_a_board_shows_the_phases() {
+    let robots = [(8, 3), (10, 2), (12, 1)];
+    let inside: usize = robots
+        .iter()
+        .map(|(rollers, seed)| calibrate("board", (*rollers, 45.0, *seed), "robot", *seed == 3))
+        .sum();
+    println!("{inside} of 12");
+    assert!(inside >= 9);
+}
+
+/// Before anything moves where there is none; after the motion where it has failed in it.
+#[test]
+fn a_gyro_on_a_board_that_is_not_used_is_refused() {
+    let plain = "sim:groups/single-rollers.toml";
+    let output = omnibus(&["calibrate", "--phase", "--gyro", "robot", "--bus", plain]);
+    let message = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(4), "{message}");
+    for words in ["node 2", "0x2132:1", "none", "--gyro tcp://HOST:PORT"] {
+        assert!(message.contains(words), "{message}");
+    }
+
+    let file = common::root().join("groups/single-rollers.toml");
+    let text = std::fs::read_to_string(file).unwrap();
+    let text = text.replacen(WITH_BOARD.0, WITH_BOARD.1, 1);
+    let file = GroupFile::parse("board", &text).unwrap();
+    let file = rollers::without_phases(&file, 8).unwrap();
+    let world = omnibus::simulation::run::world(&file, None, Pose::new(0.0, 0.0, 0.0)).unwrap();
+    let mut group = Group::connect(SimLink::new(world, "sim"), &file).unwrap();
+    group.find_rollers(&mut |_| {}).unwrap();
+    group
+        .link()
+        .world
+        .set_gyro_defect(0, Some(emulator::GyroDefect::Stuck));
+    let sideways = Twist::new(0.0, 0.15, 0.0);
+    let journal = &mut Journal::new(|_| {});
+    let found = recorded_motions::record(&mut group, &[sideways], &mut Source::Board, journal);
+    let error = found.unwrap_err().to_string();
+    assert!(
+        error.contains("stuck") && error.contains("docs/bring-up.md"),
+        "{error}"
+    );
 }
 
 /// Poses without noise: the thousandth of a pitch that the model is trusted to, twice, because that
@@ -298,7 +373,12 @@ fn options_that_do_not_fit_say_what_does() {
             "--gyro tcp://HOST:PORT",
         ),
         (&[], &real, 2, "--gyro tcp://HOST:PORT"),
-        (&["--gyro", "can0"], &real, 2, "not tcp://HOST:PORT"),
+        (
+            &["--gyro", "can0"],
+            &real,
+            2,
+            "not tcp://HOST:PORT or robot",
+        ),
         (
             &["--gyro", "tcp://127.0.0.1:1"],
             &real,

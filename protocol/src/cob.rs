@@ -54,6 +54,12 @@ pub const fn wheel_rates(node: u8) -> u16 {
     0x480 + node as u16
 }
 
+/// Yaw rate of one member's gyro (its TPDO5); of robots with a gyro only.
+#[must_use]
+pub const fn yaw_rate(node: u8) -> u16 {
+    0x500 + node as u16
+}
+
 /// SDO answers of a node.
 #[must_use]
 pub const fn sdo_response(node: u8) -> u16 {
@@ -85,6 +91,8 @@ pub enum Sent {
     Pose,
     /// Wheel rates.
     WheelRates,
+    /// Yaw rate.
+    YawRate,
     /// Answer to an SDO request.
     SdoResponse,
     /// Heartbeat or boot-up message.
@@ -100,6 +108,7 @@ pub const fn sent(cob_id: u16) -> Option<(Sent, u8)> {
     const MEASURED: u16 = measured_twist(0);
     const POSE: u16 = pose(0);
     const WHEEL_RATES: u16 = wheel_rates(0);
+    const YAW_RATE: u16 = yaw_rate(0);
     const SDO_RESPONSE: u16 = sdo_response(0);
     const HEARTBEAT: u16 = heartbeat(0);
     let [low, _] = cob_id.to_le_bytes();
@@ -113,6 +122,7 @@ pub const fn sent(cob_id: u16) -> Option<(Sent, u8)> {
         MEASURED => Sent::Measured,
         POSE => Sent::Pose,
         WHEEL_RATES => Sent::WheelRates,
+        YAW_RATE => Sent::YawRate,
         SDO_RESPONSE => Sent::SdoResponse,
         HEARTBEAT => Sent::Heartbeat,
         _ => return None,
@@ -132,14 +142,15 @@ mod tests {
         assert_eq!(measured_twist(3), 0x283);
         assert_eq!(pose(3), 0x383);
         assert_eq!(wheel_rates(3), 0x483);
+        assert_eq!(yaw_rate(3), 0x503);
         assert_eq!(MASTER_HEARTBEAT, 0x701);
     }
 
     #[test]
-    fn a_robot_has_seven_identifiers_of_its_own() {
+    fn a_robot_has_eight_identifiers_of_its_own() {
         let own = (0..0x800).filter(|id| matches!(sent(*id), Some((_, 3))));
-        let seven = [0x083, 0x183, 0x283, 0x383, 0x483, 0x583, 0x703];
-        assert!(own.eq(seven));
+        let eight = [0x083, 0x183, 0x283, 0x383, 0x483, 0x503, 0x583, 0x703];
+        assert!(own.eq(eight));
     }
 
     #[test]

@@ -56,7 +56,7 @@ pub use gyro::GyroState;
 pub use object::{Access, Kind, Object, Value};
 pub use pdo::{
     DecodeError, GroupTwist, MeasuredTwist, MemberState, MemberStatus, PoseReport, Scale,
-    WheelRateReport,
+    WheelRateReport, YawRateReport,
 };
 pub use plan::Plan;
 pub use report::RobotReport;

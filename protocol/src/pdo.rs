@@ -7,13 +7,16 @@
 //! | [`MeasuredTwist`] | vx i16 | vy i16 | omega i16 | sequence u8 | group u8 |
 //! | [`PoseReport`] | x i24 (bytes 0-2) | y i24 (3-5) | heading i16 (6-7) | | |
 //! | [`WheelRateReport`] | front left i16 | front right i16 | rear left i16 | rear right i16 | |
+//! | [`YawRateReport`] | state of the gyro u8 (byte 0) | yaw rate f32 (1-4) | | | |
 //!
-//! Little-endian throughout, scaled as [`crate::scaling`] says. All frames are exactly eight bytes:
-//! a shorter one is refused, not padded, since a missing byte means another layout.
+//! Little-endian throughout, scaled as [`crate::scaling`] says. All frames but the last are exactly
+//! eight bytes, that is five: a shorter one is refused, not padded, since a missing byte means
+//! another layout.
 
 use kinematics::{Pose, Twist, WheelRates};
 
 use crate::code::Code;
+use crate::gyro::GyroState;
 use crate::scaling::{
     HEADING_STEPS, POSITION_STEPS, SLIP_STEPS, VELOCITY_STEPS, WHEEL_RATE_STEPS, YAW_RATE_STEPS,
     decode_i16, decode_i24, decode_magnitude, encode_i16, encode_i24, encode_magnitude,
@@ -23,11 +26,11 @@ use crate::scaling::{
 /// Why eight bytes are not the frame they should be.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum DecodeError {
-    /// The frame has this many bytes instead of eight.
+    /// The frame has this many bytes instead of eight, or of five where its name is YawRate.
     Length(usize),
     /// The named field is marked invalid.
     Invalid(&'static str),
-    /// The state byte is none this version knows.
+    /// The state byte, of a member or of its gyro, is none this version knows.
     State(u8),
     /// The code is none this version knows.
     Code(u16),
@@ -36,9 +39,9 @@ pub enum DecodeError {
 impl core::fmt::Display for DecodeError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
-            Self::Length(length) => write!(f, "{length} bytes instead of 8"),
+            Self::Length(length) => write!(f, "{length} bytes are not the length of this frame"),
             Self::Invalid(field) => write!(f, "field {field} is marked invalid"),
-            Self::State(state) => write!(f, "unknown member state {state}"),
+            Self::State(state) => write!(f, "unknown state {state}"),
             Self::Code(code) => write!(f, "unknown limit or fault code {code:#06x}"),
         }
     }
@@ -361,6 +364,35 @@ impl TryFrom<&[u8]> for WheelRateReport {
     }
 }
 
+/// What one robot's gyro measures. The robot reads both objects when the frame is made.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct YawRateReport {
+    /// Of the robot without bias, rad/s, counter-clockwise positive; `None` while the gyro is not
+    /// used.
+    pub yaw_rate: Option<f32>,
+}
+
+impl TryFrom<&[u8]> for YawRateReport {
+    type Error = DecodeError;
+
+    fn try_from(data: &[u8]) -> Result<Self, DecodeError> {
+        let [state, rate @ ..] = data else {
+            return Err(DecodeError::Length(0));
+        };
+        let rate = rate
+            .try_into()
+            .map_err(|_| DecodeError::Length(data.len()))?;
+        let rate = f32::from_le_bytes(rate);
+        if !rate.is_finite() {
+            return Err(DecodeError::Invalid("yaw_rate"));
+        }
+        let state = GyroState::from_number(*state).ok_or(DecodeError::State(*state))?;
+        Ok(Self {
+            yaw_rate: (state == GyroState::InUse).then_some(rate),
+        })
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -451,6 +483,20 @@ mod tests {
         };
         let bytes = [0xF4, 0x01, 0x0C, 0xFE, 0xFF, 0x7F, 0x01, 0x00];
         assert_eq!(frame.encode(), bytes);
+    }
+
+    #[test]
+    fn golden_yaw_rate() {
+        // 0.5 = 0x3F000000; state 2 is in use, 1 waits for rest.
+        let bytes = [2, 0, 0, 0, 0x3F];
+        let read = |bytes: &[u8]| YawRateReport::try_from(bytes).map(|said| said.yaw_rate);
+        assert_eq!(read(&bytes), Ok(Some(0.5)));
+        assert_eq!(read(&[1, 0, 0, 0, 0]), Ok(None));
+        assert_eq!(read(&[7, 0, 0, 0, 0]), Err(DecodeError::State(7)));
+        assert_eq!(read(&bytes[..4]), Err(DecodeError::Length(4)));
+        assert_eq!(read(&[]), Err(DecodeError::Length(0)));
+        let infinite = read(&[2, 0, 0, 0x80, 0x7F]);
+        assert_eq!(infinite, Err(DecodeError::Invalid("yaw_rate")));
     }
 
     #[test]

@@ -1,5 +1,5 @@
-//! Which PDOs a robot has, and which record each of them carries from the first sub-index to the
-//! last.
+//! Which PDOs a robot has, and which record each of them carries: every object of it that a PDO may
+//! carry, by rising sub-index.
 
 use crate::object::Object;
 use crate::table::OBJECTS;
@@ -17,6 +17,8 @@ pub struct Pdo {
     pub broadcast: bool,
     /// Index of the record it carries.
     pub index: u16,
+    /// Robots without a gyro do not send it: its identifier is switched off.
+    pub of_gyro: bool,
     /// Its name.
     pub name: &'static str,
 }
@@ -29,6 +31,7 @@ pub const PDOS: &[Pdo] = &[
         cob_base: crate::cob::GROUP_TWIST,
         broadcast: true,
         index: 0x2100,
+        of_gyro: false,
         name: "GroupTwist",
     },
     Pdo {
@@ -37,6 +40,7 @@ pub const PDOS: &[Pdo] = &[
         cob_base: crate::cob::commissioning_twist(0),
         broadcast: false,
         index: 0x2101,
+        of_gyro: false,
         name: "CommissioningTwist",
     },
     Pdo {
@@ -45,6 +49,7 @@ pub const PDOS: &[Pdo] = &[
         cob_base: crate::cob::member_status(0),
         broadcast: false,
         index: 0x2110,
+        of_gyro: false,
         name: "MemberStatus",
     },
     Pdo {
@@ -53,6 +58,7 @@ pub const PDOS: &[Pdo] = &[
         cob_base: crate::cob::measured_twist(0),
         broadcast: false,
         index: 0x2111,
+        of_gyro: false,
         name: "MeasuredTwist",
     },
     Pdo {
@@ -61,6 +67,7 @@ pub const PDOS: &[Pdo] = &[
         cob_base: crate::cob::pose(0),
         broadcast: false,
         index: 0x2112,
+        of_gyro: false,
         name: "Pose",
     },
     Pdo {
@@ -69,7 +76,17 @@ pub const PDOS: &[Pdo] = &[
         cob_base: crate::cob::wheel_rates(0),
         broadcast: false,
         index: 0x2113,
+        of_gyro: false,
         name: "WheelRates",
+    },
+    Pdo {
+        receive: false,
+        number: 5,
+        cob_base: crate::cob::yaw_rate(0),
+        broadcast: false,
+        index: 0x2132,
+        of_gyro: true,
+        name: "YawRate",
     },
 ];
 
@@ -79,7 +96,13 @@ impl Pdo {
         let index = self.index;
         OBJECTS
             .iter()
-            .filter(move |object| object.address.index == index)
+            .filter(move |object| object.address.index == index && object.mappable)
+    }
+
+    /// How many bytes it has.
+    #[must_use]
+    pub fn bytes(&self) -> u8 {
+        self.objects().map(|object| object.kind.bytes()).sum()
     }
 }
 
@@ -88,11 +111,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_pdo_is_eight_bytes_of_mappable_objects() {
+    fn every_pdo_is_eight_bytes_but_that_of_the_gyro() {
         for pdo in PDOS {
-            assert!(pdo.objects().all(|object| object.mappable));
-            let bytes: u8 = pdo.objects().map(|object| object.kind.bytes()).sum();
-            assert_eq!(bytes, 8, "{}", pdo.name);
+            let bytes = if pdo.of_gyro { 5 } else { 8 };
+            assert_eq!(pdo.bytes(), bytes, "{}", pdo.name);
         }
     }
 }

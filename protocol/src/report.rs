@@ -1,6 +1,8 @@
 //! What a robot says by itself, read from its frames.
 
-use crate::{MeasuredTwist, MemberStatus, PoseReport, WheelRateReport, cob, is_robot};
+use crate::{
+    MeasuredTwist, MemberStatus, PoseReport, WheelRateReport, YawRateReport, cob, is_robot,
+};
 
 /// The content of one frame of a robot: process data or an emergency message.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -13,6 +15,8 @@ pub enum RobotReport {
     Pose(PoseReport),
     /// Its measured wheel rates, TPDO4.
     WheelRates(WheelRateReport),
+    /// The yaw rate of its gyro, TPDO5.
+    YawRate(YawRateReport),
     /// The error code of its emergency message.
     Emergency(u16),
 }
@@ -33,6 +37,8 @@ impl RobotReport {
             Self::Pose(PoseReport::try_from(data).ok()?)
         } else if cob_id == cob::wheel_rates(node) {
             Self::WheelRates(WheelRateReport::try_from(data).ok()?)
+        } else if cob_id == cob::yaw_rate(node) {
+            Self::YawRate(YawRateReport::try_from(data).ok()?)
         } else if let (true, [low, high, ..]) = (cob_id == cob::emergency(node), data) {
             Self::Emergency(u16::from_le_bytes([*low, *high]))
         } else {

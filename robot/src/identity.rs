@@ -29,6 +29,8 @@ pub struct Identity {
     pub storage: bool,
     /// Kinds of drives that the board has, a mask of [`OutputStage::bit`].
     pub output_stages: u8,
+    /// The board has a gyro, and TPDO5 is sent.
+    pub has_gyro: bool,
     /// Slot of flash that the program runs from; `None` for a robot that has none and takes no
     /// update over the bus.
     pub slot: Option<Slot>,
@@ -65,6 +67,7 @@ impl Identity {
             brown_out_level: 3,
             storage: false,
             output_stages: Self::SWITCHED,
+            has_gyro: false,
             slot: None,
             device_of_images: boot::header::Device {
                 board: boot::header::Board::NUCLEO_F446RE,
@@ -93,21 +96,20 @@ impl Identity {
             fixed_in_operation: true,
             storage: self.storage,
             rpdos: &RPDOS,
-            tpdos: &TPDOS,
+            tpdos: if self.has_gyro { &WITH_GYRO } else { &TPDOS },
             ..Config::DEFAULT
         }
     }
 }
 
-/// The mapping of a PDO that carries the record at this index, from the first sub-index to the
-/// last.
+/// The mapping of a PDO that carries the record at this index.
 #[expect(clippy::indexing_slicing, reason = "evaluated by the compiler only")]
 const fn mapping<const N: usize>(index: u16) -> [Mapping; N] {
     let mut out = [Mapping::new(0, 0, 0); N];
     let (mut at, mut next) = (0, 0);
     while at < ENTRIES.len() {
         let (address, kind) = (ENTRIES[at].address, ENTRIES[at].kind);
-        if address.index == index {
+        if address.index == index && ENTRIES[at].is_mappable() {
             out[next] = Mapping::new(index, address.sub, kind.bytes() * 8);
             next += 1;
         }
@@ -129,6 +131,7 @@ static STATUS: [Mapping; 6] = mapping(declared(2).index);
 static MEASURED: [Mapping; 5] = mapping(declared(3).index);
 static POSE: [Mapping; 3] = mapping(declared(4).index);
 static RATES: [Mapping; 4] = mapping(declared(5).index);
+static YAW_RATE: [Mapping; 2] = mapping(declared(6).index);
 
 const fn pdo(declared: &Pdo, mapping: &'static [Mapping]) -> PdoConfig {
     let cob_id = if declared.broadcast {
@@ -145,12 +148,22 @@ const fn pdo(declared: &Pdo, mapping: &'static [Mapping]) -> PdoConfig {
 
 static RPDOS: [PdoConfig; 2] = [pdo(declared(0), &SETPOINT), pdo(declared(1), &ALONE)];
 
-static TPDOS: [PdoConfig; 4] = [
-    pdo(declared(2), &STATUS),
-    pdo(declared(3), &MEASURED),
-    pdo(declared(4), &POSE),
-    pdo(declared(5), &RATES),
-];
+const fn tpdos(yaw_rate: PdoConfig) -> [PdoConfig; 5] {
+    [
+        pdo(declared(2), &STATUS),
+        pdo(declared(3), &MEASURED),
+        pdo(declared(4), &POSE),
+        pdo(declared(5), &RATES),
+        yaw_rate,
+    ]
+}
+
+static TPDOS: [PdoConfig; 5] = tpdos(PdoConfig {
+    cob_id: CobId::Disabled,
+    ..pdo(declared(6), &YAW_RATE)
+});
+
+static WITH_GYRO: [PdoConfig; 5] = tpdos(pdo(declared(6), &YAW_RATE));
 
 #[cfg(test)]
 mod tests {
@@ -158,7 +171,7 @@ mod tests {
 
     #[test]
     fn pdos_are_those_of_the_table() {
-        let all = [(true, &RPDOS[..]), (false, &TPDOS[..])];
+        let all = [(true, &RPDOS[..]), (false, &WITH_GYRO[..])];
         for (receive, pdos) in all {
             let declared = PDOS.iter().filter(|pdo| pdo.receive == receive);
             assert_eq!(declared.clone().count(), pdos.len());
@@ -179,5 +192,10 @@ mod tests {
                 assert_eq!(pdo.mapping, mapping, "{}", declared.name);
             }
         }
+        let off = PdoConfig {
+            cob_id: CobId::Disabled,
+            ..WITH_GYRO[4]
+        };
+        assert!(TPDOS[..4] == WITH_GYRO[..4] && TPDOS[4] == off);
     }
 }

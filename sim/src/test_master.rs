@@ -241,7 +241,7 @@ impl TestMaster {
                 self.rates.insert(node, report.rates);
             }
             Some((node, RobotReport::Emergency(code))) => self.emergencies.push((at, node, code)),
-            Some((_, RobotReport::Pose(_))) | None => {}
+            Some((_, RobotReport::Pose(_) | RobotReport::YawRate(_))) | None => {}
         }
     }
 }

@@ -28,6 +28,7 @@ TOO_HIGH, TOO_LOW, NOT_A_NUMBER = 0x06090031, 0x06090032, 0x06090030
 NOT_STORED = 0x08000020
 TOO_LONG, TOO_SHORT, LENGTH = 0x06070012, 0x06070013, 0x06070010
 CHALLENGE, RESPONSE, KEY = (0x2004, 2), (0x2004, 3), (0x2004, 4)
+OFF = {(0x1804, 3), (0x1804, 6), (0x1A04, 0)}
 BYTES = {
     t.UNSIGNED8: 1,
     t.UNSIGNED16: 2,
@@ -140,6 +141,9 @@ class Dictionary(Robot):
                 data = self.upload(variable)
                 if entry["AccessType"] in ("ro", "const"):
                     self.refused(READ_ONLY, self.download, variable, data)
+                elif (variable.index, variable.subindex) in OFF:
+                    # TPDO5 is switched off where there is no gyro.
+                    self.download(variable, data)
                 elif 0x1600 <= variable.index < 0x1800 or 0x1A00 <= variable.index < 0x1C00:
                     # Writable, but only while the PDO is switched off: `test_robot.py`.
                     self.refused(0x06010000, self.download, variable, data)

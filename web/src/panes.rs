@@ -5,7 +5,9 @@ use std::collections::{BTreeMap, VecDeque};
 use canopen::client;
 use omnibus::bus::frame_name::frame_name;
 use omnibus::monitor::telemetry::BusFrame;
-use protocol::{GroupTwist, MeasuredTwist, MemberStatus, PoseReport, WheelRateReport, cob};
+use protocol::{
+    GroupTwist, MeasuredTwist, MemberStatus, PoseReport, WheelRateReport, YawRateReport, cob,
+};
 use serde_json::{Value, json};
 use sim::World;
 use sim::robot::LogLine;
@@ -88,6 +90,13 @@ pub fn meaning(id: u16, data: &[u8]) -> String {
                 let rates: [f32; 4] = said.rates.into();
                 let rates = rates.map(|rate| format!("{rate:.2}"));
                 format!("{} rad/s", rates.join(", "))
+            },
+        ),
+        (Some((cob::Sent::YawRate, _)), _) => YawRateReport::try_from(data).map_or_else(
+            |error| error.to_string(),
+            |said| {
+                said.yaw_rate
+                    .map_or_else(String::new, |rate| format!("{rate:.4} rad/s"))
             },
         ),
         (Some((cob::Sent::Heartbeat, _)), [state]) => heartbeat(id, *state),

@@ -20,6 +20,7 @@ const EXAMPLES: &str = "Examples:
   omnibus calibrate --undo --bus socketcan:can0 --group my-group.toml
   omnibus calibrate --phase --bus sim:groups/single-rollers.toml
   omnibus calibrate --phase --gyro sim --bus sim:groups/single-rollers.toml
+  omnibus calibrate --phase --gyro robot --write --bus socketcan:can0 --group my-group.toml
   omnibus calibrate --phase --gyro tcp://127.0.0.1:7703 --write --bus socketcan:can0 --group my-group.toml
 
 The group needs a clear floor of --distance (1 m; with --phase 2.5 m) and the ramps to every side. Every motion is
@@ -39,9 +40,9 @@ pub struct Arguments {
     /// Source of poses: tcp://HOST:PORT with JSON lines. A simulated bus has its own.
     #[arg(long, value_name = "tcp://HOST:PORT")]
     pose: Option<String>,
-    /// Finds phases from yaw rates instead of poses: tcp://HOST:PORT with JSON lines, or
-    /// on a simulated bus sim, the gyros of its robots.
-    #[arg(long, value_name = "tcp://HOST:PORT|sim")]
+    /// Finds phases from yaw rates instead of poses: robot, the gyros on the robots' boards;
+    /// tcp://HOST:PORT with JSON lines; or on a simulated bus sim, gyros laid on its robots.
+    #[arg(long, value_name = "robot|tcp://HOST:PORT|sim")]
     gyro: Option<String>,
     /// Writes the result into the robots, and coefficients also into the group file.
     #[arg(long)]

@@ -277,6 +277,7 @@ pub fn exit_code(error: &anyhow::Error) -> u8 {
             | MasterError::NotReady { .. }
             | MasterError::Identification { .. }
             | MasterError::Update { .. }
+            | MasterError::BoardGyro { .. }
             | MasterError::NoIndex { .. }
             | MasterError::AnotherMaster(_)
             | MasterError::Lss(_),

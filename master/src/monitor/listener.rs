@@ -167,6 +167,7 @@ impl Listener {
                 member.pose = Some(self.frame.place(usize::from(node), t, report.pose).pose);
             }
             RobotReport::WheelRates(report) => member.wheel_rates = Some(report.rates),
+            RobotReport::YawRate(report) => member.yaw_rate = report.yaw_rate,
             RobotReport::Emergency(code) => self.emit(t, node, EventKind::Emergency(code)),
         }
     }
@@ -237,6 +238,7 @@ impl Listener {
                 measured: None,
                 pose: None,
                 wheel_rates: None,
+                yaw_rate: None,
                 ..*member
             };
         }

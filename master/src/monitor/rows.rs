@@ -25,6 +25,8 @@ pub struct MemberRow {
     pub pose: Option<Pose>,
     /// Measured wheel rates in rad/s, positive rolls the base forward.
     pub wheel_rates: Option<WheelRates>,
+    /// Yaw rate of its gyro, rad/s, counter-clockwise positive; only where that is used.
+    pub yaw_rate: Option<f32>,
 }
 
 /// One SYNC period of the whole group.

@@ -243,5 +243,6 @@ pub fn of_robot(member: &MemberSample) -> Value {
         ("measured", member.measured.map(twist)),
         ("pose", member.pose.map(pose)),
         ("wheel_rates", member.wheel_rates.map(wheels)),
+        ("yaw_rate", member.yaw_rate.map(|v| json!(v))),
     ])
 }

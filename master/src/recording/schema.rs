@@ -62,6 +62,7 @@ pub fn robot() -> Value {
         "permitted_scale": number("scale its own wheels could follow, 0 to 1"),
         "slip_residual": number("magnitude, rad/s, of what no rigid motion explains"),
         "measured": twist(), "pose": pose(), "wheel_rates": wheels(),
+        "yaw_rate": number("rad/s, counter-clockwise, by the gyro where that is used"),
     }))
 }
 

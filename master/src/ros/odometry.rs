@@ -2,7 +2,11 @@
 //!
 //! The pose is the members' own, the mean of them. It starts again whenever the robots are
 //! configured; here it goes on from where it was. The covariance is that of the kinematics crate
-//! for each member's wheel rates, as the mean of independent members, and grows with the way.
+//! for each member's wheel rates, as the mean of independent members, and grows with the way. A
+//! member whose gyro is used measures turns by that, and its wheels' slip adds nothing to them.
+//!
+//! A bias of a gyro lasts longer than [`PERSISTS`]; of a motion of many seconds without a rest the
+//! covariance of the heading is too small (docs/kinematics.md has the sum).
 
 use group::{GroupFile, Robot};
 use kinematics::{
@@ -10,6 +14,7 @@ use kinematics::{
     UncertainOdometry, Uncertainty, VelocityCompensation, Wheel, WheelRates,
 };
 
+use crate::monitor::average::mean_twist;
 use crate::monitor::odometry::relative_to;
 use crate::monitor::telemetry::{SessionState, Snapshot};
 
@@ -17,14 +22,56 @@ use crate::monitor::telemetry::{SessionState, Snapshot};
 const LONGITUDINAL: f64 = 0.005;
 const LATERAL: f64 = 0.01;
 const YAW: f64 = 0.01;
+/// What a gyro's scale is off, as a share of the yaw rate: an assumption, as those above are.
+const GYRO_SCALE: f64 = 0.01;
+/// Density of a gyro's noise, rad/s in 1 Hz, which also is what a bias is off that was learned in a
+/// second of rest: 0.014 degrees/s, an assumption for sensors like the BMI088.
+const GYRO_NOISE: f64 = 0.014 * std::f64::consts::PI / 180.0;
 /// How long an error of the velocity lasts, s: slip is that of a motion, not of a step.
 const PERSISTS: f64 = 1.0;
 /// Longer between two snapshots, s, and nothing is worked out for the time between.
 const GAP: f64 = 0.5;
 
+/// What is known of a member's measurement.
+struct Member {
+    /// Its own twist by its wheels, along the axes of the group.
+    wheels: TwistUncertainty<4, f64>,
+    /// Its place in the group, m.
+    place: [f64; 2],
+}
+
+impl Member {
+    /// Covariance of the group's twist, by these wheel rates and the gyro's yaw rate.
+    fn covariance(&self, rates: &[f64; 4], yaw_rate: Option<f32>) -> Covariance<f64> {
+        let mut own = self.wheels.covariance(rates);
+        if let Some(rate) = yaw_rate {
+            let scale = GYRO_SCALE * f64::from(rate);
+            own.ww = scale * scale + 2.0 * GYRO_NOISE * GYRO_NOISE;
+            (own.xw, own.yw) = (0.0, 0.0);
+        }
+        // The group's origin moves with vx + y omega and vy - x omega.
+        let ([x, y], Covariance { xw, yw, ww, .. }) = (self.place, own);
+        Covariance {
+            xx: own.xx + y * (2.0 * xw + y * ww),
+            xy: own.xy + y * yw - x * (xw + y * ww),
+            xw: xw + y * ww,
+            yy: own.yy - x * (2.0 * yw - x * ww),
+            yw: yw - x * ww,
+            ww,
+        }
+    }
+}
+
+/// The group's twist as a member at this place measures it, turns by its gyro where that is used.
+fn by_gyro(measured: Twist, yaw_rate: Option<f32>, place: Pose) -> Twist {
+    let more = yaw_rate.map_or(0.0, |rate| rate - measured.omega);
+    measured + Twist::new(place.y * more, -place.x * more, more)
+}
+
 /// Pose, velocity and wheel angles of a group.
 pub struct Odometry {
-    members: Vec<TwistUncertainty<4, f64>>,
+    members: Vec<Member>,
+    places: Vec<Pose>,
     /// Where the frame of the snapshots' poses lies in that of `odom`.
     anchor: Pose,
     anchored: bool,
@@ -43,13 +90,8 @@ impl Odometry {
     pub fn new(group: &GroupFile) -> Self {
         let members = group.robots.iter().filter_map(|robot| {
             let platform = Platform::new(&wheels(robot)?).ok()?;
-            let pose = robot.mount;
-            let pose = Pose::new(
-                f64::from(pose.x),
-                f64::from(pose.y),
-                f64::from(pose.heading),
-            );
-            let mount = Mount::new(pose).ok()?;
+            let place = robot.mount;
+            let mount = Mount::new(Pose::new(0.0, 0.0, f64::from(place.heading))).ok()?;
             let step = std::f64::consts::TAU / f64::from(robot.encoder.counts_per_revolution);
             let period = f64::from(group.sync_period_us) * 1e-6;
             let known = Uncertainty {
@@ -60,10 +102,14 @@ impl Odometry {
                 yaw: YAW,
             };
             let none = VelocityCompensation::new(1.0, 1.0, 1.0).ok()?;
-            Some(TwistUncertainty::new(&platform, &mount, &none, &known))
+            Some(Member {
+                wheels: TwistUncertainty::new(&platform, &mount, &none, &known),
+                place: [f64::from(place.x), f64::from(place.y)],
+            })
         });
         Self {
             members: members.collect(),
+            places: group.robots.iter().map(|robot| robot.mount).collect(),
             anchor: Pose::new(0.0, 0.0, 0.0),
             anchored: false,
             pose: Pose::new(0.0, 0.0, 0.0),
@@ -93,7 +139,9 @@ impl Odometry {
             }
             self.pose = within(self.anchor, pose);
         }
-        self.twist = now.measured.unwrap_or(Twist::ZERO);
+        let twists = now.members.iter().zip(&self.places);
+        let twists = twists.filter_map(|(m, place)| Some(by_gyro(m.measured?, m.yaw_rate, *place)));
+        self.twist = mean_twist(twists).unwrap_or(Twist::ZERO);
         for (index, member) in now.members.iter().enumerate() {
             let rates = member.wheel_rates.unwrap_or(WheelRates::ZERO);
             let rates = <[f32; 4]>::from(rates).map(f64::from);
@@ -102,7 +150,7 @@ impl Odometry {
                 *angle += rate * dt;
             }
         }
-        self.velocity = self.spread();
+        self.velocity = self.spread(now);
         let twist = self.twist;
         let [vx, vy, omega] = [twist.vx, twist.vy, twist.omega].map(|v| f64::from(v) * dt);
         // Of `n` steps with one error in common the variances add up to n times as much.
@@ -112,10 +160,12 @@ impl Odometry {
     }
 
     /// Covariance of the mean of the members' twists.
-    fn spread(&self) -> Covariance<f64> {
+    fn spread(&self, now: &Snapshot) -> Covariance<f64> {
         let count = self.members.len().max(1) as f64;
-        let sum = self.members.iter().zip(&self.rates);
-        let sum = sum.map(|(member, rates)| member.covariance(rates));
+        let yaw_rates = now.members.iter().map(|member| member.yaw_rate);
+        let yaw_rates = yaw_rates.chain(std::iter::repeat(None));
+        let sum = self.members.iter().zip(&self.rates).zip(yaw_rates);
+        let sum = sum.map(|((member, rates), yaw_rate)| member.covariance(rates, yaw_rate));
         let add = |a: Covariance<f64>, b: Covariance<f64>| Covariance {
             xx: a.xx + b.xx,
             xy: a.xy + b.xy,
@@ -193,4 +243,48 @@ fn within(frame: Pose, pose: Pose) -> Pose {
         frame.y + sin * pose.x + cos * pose.y,
         frame.heading + pose.heading,
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::monitor::telemetry::MemberSample;
+
+    /// One robot 1 m to the left of the group's origin that turns by its wheels at 0.5 rad/s while
+    /// its front wheels slip, and by its gyro, if it has one, at 0.4.
+    fn turned(yaw_rate: Option<f32>) -> Odometry {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../groups/single.toml");
+        let mut group = GroupFile::load(path).unwrap();
+        group.robots[0].mount = Pose::new(0.0, 1.0, 0.0);
+        let mut odometry = Odometry::new(&group);
+        for step in 0..100_u8 {
+            odometry.update(&Snapshot {
+                t: f64::from(step) * 0.01,
+                members: vec![MemberSample {
+                    measured: Some(Twist::new(0.5, 0.0, 0.5)),
+                    wheel_rates: Some(WheelRates::from([-1.7, 2.7, -1.7, 2.2])),
+                    yaw_rate,
+                    ..MemberSample::default()
+                }],
+                ..Snapshot::default()
+            });
+        }
+        odometry
+    }
+
+    /// By hand: (1 % of 0.4 rad/s)^2 + 2 (0.014 degrees/s)^2 = 1.6119e-5, over 0.99 s with errors
+    /// that last 1 s.
+    #[test]
+    fn a_gyro_says_how_a_robot_turns_and_how_well_that_is_known() {
+        let (wheels, gyro) = (turned(None), turned(Some(0.4)));
+        assert_eq!(wheels.twist(), Twist::new(0.5, 0.0, 0.5));
+        // It stands where it is, and the origin turns about it.
+        let twist = gyro.twist();
+        assert!((twist.vx - 0.4).abs() < 1e-6 && (twist.omega - 0.4).abs() < 1e-6);
+        let known = gyro.twist_covariance();
+        assert!((known.ww - 1.6119e-5).abs() < 1e-9, "{known:?}");
+        assert!((known.xw - known.ww).abs() < 1e-12, "a lever of 1 m");
+        assert!((gyro.pose_covariance().ww - 0.99 * known.ww).abs() < 1e-9);
+        assert!(wheels.twist_covariance().ww > 10.0 * known.ww);
+    }
 }

@@ -127,6 +127,7 @@ impl<L: Link> Group<L> {
                     }
                 }
                 RobotReport::WheelRates(report) => row.wheel_rates = Some(report.rates),
+                RobotReport::YawRate(report) => row.yaw_rate = report.yaw_rate,
                 RobotReport::Emergency(_) => {}
             }
         }

@@ -91,6 +91,7 @@ impl<L: Link> Group<L> {
             measured: row.measured,
             pose: row.pose,
             wheel_rates: row.wheel_rates,
+            yaw_rate: row.yaw_rate,
             motor_temperature: member.temperature,
             past: None,
         };

@@ -7,7 +7,7 @@ use super::scale;
 use crate::object::{Kind, Object, Value};
 use crate::pdos::{PDOS, Pdo};
 use crate::scaling::{INVALID_I16, INVALID_I24, INVALID_U8};
-use crate::{FIRST_ROBOT, Fault, LAST_ROBOT, Limit, MemberState, address};
+use crate::{FIRST_ROBOT, Fault, GyroState, LAST_ROBOT, Limit, MemberState, address};
 
 /// The nodes that a PDO has identifiers of; 0 for one that all of them receive.
 fn nodes(pdo: &Pdo) -> RangeInclusive<u8> {
@@ -42,8 +42,10 @@ fn range(object: &Object) -> [i32; 2] {
         Value::U8(value) => i32::from(value),
         Value::U16(value) => i32::from(value),
         Value::I24(value) => value,
+        // Both ends 0: every number.
+        Value::F32(_) => 0,
         // No PDO carries one of these.
-        Value::U32(_) | Value::F32(_) | Value::Domain => 0,
+        Value::U32(_) | Value::Domain => 0,
     });
     let pattern = invalid(object);
     [
@@ -65,13 +67,13 @@ pub fn dbc<W: Write>(out: &mut W) -> Result {
     }
     writeln!(out, "\n")?;
     for pdo in PDOS {
-        let name = pdo.name;
+        let (name, bytes) = (pdo.name, pdo.bytes());
         for node in nodes(pdo) {
             let id = pdo.cob_base + u16::from(node);
             match (pdo.broadcast, pdo.receive) {
-                (true, _) => writeln!(out, "BO_ {id} {name}: 8 Master")?,
-                (false, true) => writeln!(out, "BO_ {id} {name}{node}: 8 Master")?,
-                (false, false) => writeln!(out, "BO_ {id} {name}{node}: 8 Robot{node}")?,
+                (true, _) => writeln!(out, "BO_ {id} {name}: {bytes} Master")?,
+                (false, true) => writeln!(out, "BO_ {id} {name}{node}: {bytes} Master")?,
+                (false, false) => writeln!(out, "BO_ {id} {name}{node}: {bytes} Robot{node}")?,
             }
             let mut bit = 0;
             for object in pdo.objects() {
@@ -108,6 +110,12 @@ pub fn dbc<W: Write>(out: &mut W) -> Result {
         }
     }
     for node in FIRST_ROBOT..=LAST_ROBOT {
+        let id = crate::cob::yaw_rate(node);
+        write!(out, "VAL_ {id} State")?;
+        for state in GyroState::ALL {
+            write!(out, " {} \"{state:?}\"", state as u8)?;
+        }
+        writeln!(out, " ;")?;
         let id = crate::cob::member_status(node);
         write!(out, "VAL_ {id} State")?;
         for state in MemberState::ALL {
@@ -122,6 +130,11 @@ pub fn dbc<W: Write>(out: &mut W) -> Result {
             write!(out, " {} \"{}\"", fault.code(), fault.name())?;
         }
         writeln!(out, " ;")?;
+    }
+    // The signal is a float of 32 bits.
+    for node in FIRST_ROBOT..=LAST_ROBOT {
+        let id = crate::cob::yaw_rate(node);
+        writeln!(out, "SIG_VALTYPE_ {id} Yaw_rate : 1;")?;
     }
     Ok(())
 }

@@ -37,6 +37,7 @@ impl fmt::Display for Shown {
 fn scale(unit: &str) -> (f64, &'static str) {
     match unit {
         "0.1 mm/s" => (10_000.0, "m/s"),
+        "rad/s" => (1.0, "rad/s"),
         "0.1 mrad/s" => (10_000.0, "rad/s"),
         "2 mrad/s" => (500.0, "rad/s"),
         "20 mrad/s" => (50.0, "rad/s"),

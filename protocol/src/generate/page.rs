@@ -48,10 +48,14 @@ setpoints of zero until all members are *moving*.
 ";
 
 const PROCESS_DATA: &str = "\
-All PDOs are synchronous, transmission type 1, and exactly eight bytes. Scaled fields are rounded to
-nearest and saturate; the most negative value (-32768, or -8388608 in 24 bits; of an unsigned
-magnitude 255) means *invalid*. A setpoint's sequence must lie 1 to 127 ahead of the last one,
-wrapping; what repeats or lies behind is not followed and does not reset the time-out.
+All PDOs are synchronous, transmission type 1, and exactly eight bytes, YawRate five. Scaled fields
+are rounded to nearest and saturate; the most negative value (-32768, or -8388608 in 24 bits; of an
+unsigned magnitude 255) means *invalid*. A setpoint's sequence must lie 1 to 127 ahead of the last
+one, wrapping; what repeats or lies behind is not followed and does not reset the time-out.
+
+The yaw rate of MeasuredTwist is that of the wheels on every robot, because members compare it; the
+heading of Pose is that of the gyro where one is used. Only robots with a gyro send YawRate; on
+others bit 31 of 0x1804:1 switches it off.
 ";
 
 const FAULTS: &str = "\

@@ -118,12 +118,11 @@ records! { CAN_RECORDS:
 
 records! { GYRO_RECORDS:
     0x2132 "Gyro" {
-        GYRO_STATE = 1: state("State", "", Kind::U8),
+        GYRO_STATE = 1: process("State", "", Kind::U8),
             "0 the board has none, 1 waits for a second of rest to learn the bias, 2 in use; not \
              believed until the next start: 3 missing, 4 stuck, 5 implausible, 6 silent.";
         GYRO_RATE = 2: process("Yaw rate", "rad/s", Kind::F32),
-            "Of the robot, without bias, counter-clockwise positive; 0 while it is not used. No PDO \
-             carries it unless one is mapped to it.";
+            "Of the robot, without bias, counter-clockwise positive; 0 while it is not used.";
         GYRO_BIAS = 3: state("Bias", "rad/s", Kind::F32),
             "Mean of what it showed at rest; 0 while it is not known.";
     }

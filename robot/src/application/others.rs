@@ -56,7 +56,8 @@ impl Application {
                     self.on_member_fault(at, node, fault);
                 }
             }
-            Sent::Pose | Sent::WheelRates | Sent::SdoResponse | Sent::Heartbeat => {}
+            Sent::Pose | Sent::WheelRates | Sent::YawRate | Sent::SdoResponse | Sent::Heartbeat => {
+            }
         }
     }
 

@@ -52,6 +52,8 @@ pub struct Board {
     pub clock_wait_ms: u16,
     /// Kinds of bridges that the outputs can drive.
     pub output_stages: u8,
+    /// A gyro is wired.
+    pub has_gyro: bool,
     /// Level of the brown-out reset, 0 (off) to 3.
     pub brown_out_level: u8,
     /// The chip's unique number, folded to 32 bits.
@@ -119,6 +121,7 @@ impl Board {
             node_switches,
             clock_wait_ms,
             output_stages: outputs::STAGES,
+            has_gyro: WIRING.gyro.is_some(),
             brown_out_level: supply::brown_out_level(),
             serial: serial(),
             reset_cause: reset_cause(),

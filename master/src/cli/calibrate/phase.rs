@@ -24,12 +24,14 @@ use crate::cli::{json, print_json};
 
 /// The gyros of simulated robots.
 const SIM: &str = "sim";
+/// Those on the robots' own boards, whose turns come over the bus.
+pub const BOARD: &str = "robot";
 
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let target = &arguments.target;
     let group = rollers::without_phases(&target.group()?, arguments.rollers)?;
     let nodes: Vec<u8> = group.robots.iter().map(|robot| robot.node).collect();
-    match (&target.bus, &arguments.gyro, &arguments.pose) {
+    match (&target.bus, arguments.gyro.as_deref(), &arguments.pose) {
         (BusAddress::Sim(_), _, Some(_)) => {
             usage!("--pose is not needed on a simulated bus")
         }
@@ -37,6 +39,15 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         (BusAddress::Sim(_), None, None) => {
             let source = &mut Source::Poses(&mut true_poses);
             calibrate(arguments, &group, target.simulated(&group)?, source)
+        }
+        #[cfg(feature = "simulation")]
+        (BusAddress::Sim(_), Some(BOARD), None) => {
+            let link = target.simulated(&group)?;
+            calibrate(arguments, &group, link, &mut Source::Board)
+        }
+        (_, Some(BOARD), _) => {
+            let link = target.command(&group)?;
+            calibrate(arguments, &group, link, &mut Source::Board)
         }
         #[cfg(feature = "simulation")]
         (BusAddress::Sim(_), Some(gyro), None) => {
@@ -59,7 +70,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         }
         (_, None, None) => usage!(
             "no source of measurements: give --pose tcp://HOST:PORT (poses) or --gyro \
-             tcp://HOST:PORT (yaw rates), both as JSON lines"
+             tcp://HOST:PORT (yaw rates), both as JSON lines, or --gyro {BOARD} (gyros on the \
+             robots' boards)"
         ),
     }
 }
@@ -68,7 +80,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 #[cfg(feature = "simulation")]
 pub fn is_simulated(gyro: &str) -> anyhow::Result<()> {
     if gyro != SIM {
-        usage!("--gyro {gyro} is for real buses; on a simulated one give --gyro {SIM}");
+        usage!(
+            "--gyro {gyro} is for real buses; on a simulated one give --gyro {SIM}, or --gyro \
+             {BOARD} where the boards have one"
+        );
     }
     Ok(())
 }
@@ -107,7 +122,7 @@ pub fn gyro_stream(source: &str) -> anyhow::Result<GyroStream> {
         );
     }
     let Some(address) = source.strip_prefix("tcp://") else {
-        usage!("--gyro {source} is not tcp://HOST:PORT");
+        usage!("--gyro {source} is not tcp://HOST:PORT or {BOARD}");
     };
     GyroStream::connect(address).map_err(|error| {
         MasterError::GyroSource {

@@ -10,7 +10,7 @@ use omnibus::bus::link::Link;
 use omnibus::commission::calibrate::journal::Journal;
 use omnibus::commission::calibrate::manoeuvre::{Manoeuvre, Settings};
 use omnibus::commission::calibrate::measure::{Body, Instrument};
-use omnibus::commission::calibrate::recorded_motions::{Source, YawRates};
+use omnibus::commission::calibrate::recorded_motions::Source;
 use omnibus::commission::calibrate::rollers::{self, RobotPhases};
 use omnibus::commission::calibrate::undo::{Held, UndoRecord};
 use omnibus::commission::calibrate::{Calibration, calibrate, chart, group_file};
@@ -172,14 +172,16 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
                 return by_tape(arguments, &group, &settings, link);
             }
             let instrument = &mut Instrument::Poses(&mut poses);
-            match &arguments.gyro {
+            let mut gyros = phase::simulated_gyros;
+            let gyro = match arguments.gyro.as_deref() {
+                Some(phase::BOARD) => Some(Source::Board),
                 Some(gyro) => {
                     phase::is_simulated(gyro)?;
-                    let gyro = &mut phase::simulated_gyros;
-                    work(arguments, &group, &settings, link, instrument, Some(gyro))
+                    Some(Source::Gyro(&mut gyros))
                 }
-                None => work(arguments, &group, &settings, link, instrument, None),
-            }
+                None => None,
+            };
+            work(arguments, &group, &settings, link, instrument, gyro)
         }
         (_, None) if slip.tape => by_tape(arguments, &group, &settings, target.command(&group)?),
         (_, None) => usage!(
@@ -199,21 +201,18 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
                 }
             };
             let instrument = &mut Instrument::Poses(&mut poses);
-            match &arguments.gyro {
-                Some(gyro) => {
-                    let stream = phase::gyro_stream(gyro)?;
-                    let mut rates = |link: &mut Box<dyn Link>| stream.take(&nodes, link.now());
-                    work(
-                        arguments,
-                        &group,
-                        &settings,
-                        link,
-                        instrument,
-                        Some(&mut rates),
-                    )
-                }
-                None => work(arguments, &group, &settings, link, instrument, None),
+            let gyro = arguments.gyro.as_deref();
+            if gyro == Some(phase::BOARD) {
+                let gyro = Some(Source::Board);
+                return work(arguments, &group, &settings, link, instrument, gyro);
             }
+            let stream = gyro.map(phase::gyro_stream).transpose()?;
+            let mut rates = stream.map(|stream| {
+                let nodes = &nodes;
+                move |link: &mut Box<dyn Link>| stream.take(nodes, link.now())
+            });
+            let gyro = rates.as_mut().map(|rates| Source::Gyro(rates));
+            work(arguments, &group, &settings, link, instrument, gyro)
         }
     }
 }
@@ -244,7 +243,7 @@ fn work<L: Link>(
     settings: &Settings,
     link: L,
     instrument: &mut Instrument<'_, L>,
-    gyro: Option<YawRates<'_, L>>,
+    gyro: Option<Source<'_, L>>,
 ) -> anyhow::Result<()> {
     let slip = &arguments.slip;
     let mut group = Group::connect(link, file)?;
@@ -353,7 +352,7 @@ fn find<L: Link>(
     group: &mut Group<L>,
     (settings, version): (&Settings, u32),
     instrument: &mut Instrument<'_, L>,
-    gyro: Option<YawRates<'_, L>>,
+    gyro: Option<Source<'_, L>>,
     journal: &mut Journal<'_>,
 ) -> anyhow::Result<(Vec<RobotPhases>, Calibration)> {
     let file = group.config();
@@ -367,12 +366,13 @@ fn find<L: Link>(
                 file.name
             ));
         } else {
-            let source = &mut match (gyro, &mut *instrument) {
-                (Some(gyro), _) => Source::Gyro(gyro),
-                (None, Instrument::Poses(poses)) => Source::Poses(*poses),
+            phases = match (gyro, &mut *instrument) {
+                (Some(mut gyro), _) => rollers::learn(group, settings, &mut gyro, journal)?,
+                (None, Instrument::Poses(poses)) => {
+                    rollers::learn(group, settings, &mut Source::Poses(*poses), journal)?
+                }
                 (None, Instrument::Tape(_)) => usage!("--all needs a source of poses"),
             };
-            phases = rollers::learn(group, settings, source, journal)?;
         }
     }
     let calibration = calibrate(group, settings, version, instrument, journal)?;

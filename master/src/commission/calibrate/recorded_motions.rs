@@ -8,10 +8,13 @@
 //! out depends on the rates, and the same motion once more would only show it again.
 //!
 //! Wheel angles are those the robots give at rest before and after; between, their measured wheel
-//! rates are summed up and brought to fit. The caller provides the samples at every SYNC.
+//! rates are summed up and brought to fit. The caller provides the samples at every SYNC, but for
+//! gyros on the robots' boards: what those have turned is in the heading that the robots report.
+
+use std::f64::consts::TAU;
 
 use kinematics::{FourWheelGeometry, Twist};
-use std::f64::consts::TAU;
+use protocol::{GyroState, Kind, address};
 
 use super::CalibrateError;
 use super::journal::Journal;
@@ -23,6 +26,9 @@ use crate::source::gyro::RateSample;
 
 /// How long the group waits at rest before and after each motion, s.
 const REST: f64 = 0.3;
+/// How long gyros on boards may take at rest for their bias, s: they need a second of it, and their
+/// first begins late after power-on.
+const BIAS: u32 = 3;
 /// How long each motion lasts, s.
 pub const SECONDS: f64 = 10.0;
 /// Speed of the slowest wheel's rim, m/s: slow enough that slip and loop lag are small, and the
@@ -51,6 +57,55 @@ pub enum Source<'a, L> {
     Poses(Poses<'a, L>),
     /// A gyro on every robot.
     Gyro(YawRates<'a, L>),
+    /// The gyro on every robot's board.
+    Board,
+}
+
+impl<L: Link> Source<'_, L> {
+    /// Refuses gyros on boards that are not there or have failed; the first robot whose gyro waits
+    /// for rest.
+    ///
+    /// # Errors
+    /// [`MasterError::BoardGyro`], and when a robot does not answer.
+    pub(super) fn waits(&self, group: &mut Group<L>) -> Result<Option<u8>, MasterError> {
+        let mut waits = None;
+        if !matches!(self, Self::Board) {
+            return Ok(waits);
+        }
+        let nodes: Vec<u8> = group.config().robots.iter().map(|r| r.node).collect();
+        for node in nodes {
+            let state = group.wire().read(node, address::GYRO_STATE, Kind::U8)?;
+            let [number, ..] = state.to_bits().to_le_bytes();
+            match GyroState::from_number(number).unwrap_or_default() {
+                GyroState::InUse => {}
+                GyroState::Starting => waits = waits.or(Some(node)),
+                state => return Err(MasterError::BoardGyro { node, state }),
+            }
+        }
+        Ok(waits)
+    }
+
+    /// Has a started group stand until the bias of every gyro on a board is known.
+    fn rest(&self, group: &mut Group<L>) -> Result<(), MasterError> {
+        let second = 1_000_000_u64.div_ceil(group.period_us());
+        for _ in 0..BIAS {
+            if self.waits(group)?.is_none() {
+                return Ok(());
+            }
+            for _ in 0..second {
+                group.cycle(Twist::ZERO)?;
+            }
+        }
+        self.is_used(group)
+    }
+
+    /// Refuses a gyro on a board that is not used.
+    fn is_used(&self, group: &mut Group<L>) -> Result<(), MasterError> {
+        self.waits(group)?.map_or(Ok(()), |node| {
+            let state = GyroState::Starting;
+            Err(MasterError::BoardGyro { node, state })
+        })
+    }
 }
 
 /// The motions for robots like this one within the limits of their group, each given number of
@@ -95,6 +150,7 @@ pub fn record<L: Link>(
             if !started {
                 group.start()?;
                 started = true;
+                source.rest(group)?;
             }
             let motion = record_one(group, *twist, source);
             if motion.is_err() {
@@ -151,6 +207,7 @@ fn record_one<L: Link>(
                     all.extend(come);
                 }
             }
+            Source::Board => {}
         }
     }
     let began = group.rows_began().0 as f64 * 1e-6;
@@ -163,17 +220,23 @@ fn record_one<L: Link>(
                 let rates = row.members[robot].wheel_rates;
                 (began + row.t, rates.map(<[f32; 4]>::from))
             });
-            sum_up(before[robot], measured)
+            let poses = rows.iter().filter_map(|row| {
+                let heading = row.members[robot].pose?.heading;
+                Some((began + row.t, f64::from(heading)))
+            });
+            (sum_up(before[robot], measured), turns(poses))
         })
         .collect();
     let after = angles(group, &nodes)?;
+    source.is_used(group)?;
     let robots = tracks.into_iter().enumerate();
     Ok(robots
-        .map(|(robot, (times, mut angles))| {
+        .map(|(robot, ((times, mut angles), turns))| {
             fit(&mut angles, &after[robot], pitches[robot]);
             let seen = match source {
                 Source::Poses(_) => Samples::Poses(std::mem::take(&mut poses[robot])),
                 Source::Gyro(_) => Samples::YawRates(aligned(&rates[robot])),
+                Source::Board => Samples::YawRates(turns),
             };
             Motion {
                 times,
@@ -213,6 +276,21 @@ fn aligned(samples: &[RateSample]) -> Vec<(f64, f64)> {
     let least = late.fold(f64::INFINITY, f64::min);
     let moved = samples.iter().map(|s| (s.t + least, s.yaw_rate));
     moved.collect()
+}
+
+/// Mean yaw rates since the heading before, from headings within half a turn; the first is 0. A
+/// robot adds up every sample of its gyro in its heading, while a yaw rate would be one of five.
+fn turns(headings: impl Iterator<Item = (f64, f64)>) -> Vec<(f64, f64)> {
+    let mut before = None;
+    let rate = |(t, heading): (f64, f64)| {
+        let rate = before.map_or(0.0, |(since, from): (f64, f64)| {
+            let turn = heading - from;
+            (turn - (turn / TAU).round() * TAU) / (t - since)
+        });
+        before = Some((t, heading));
+        (t, rate)
+    };
+    headings.map(rate).collect()
 }
 
 /// Roller angles of all robots at rest.
@@ -282,6 +360,15 @@ mod tests {
                     assert!((rim / rims[0] - share).abs() < 1e-3, "{rims:?}");
                 }
             }
+        }
+    }
+
+    /// A robot turns over the end of the range, and one heading does not come.
+    #[test]
+    fn a_turn_goes_on_where_headings_begin_again() {
+        let found = turns([(0.0, 3.1), (0.01, 3.14), (0.03, 3.22 - TAU)].into_iter());
+        for ((_, rate), expected) in found.iter().zip([0.0, 4.0, 4.0]) {
+            assert!((rate - expected).abs() < 1e-9, "{found:?}");
         }
     }
 

@@ -97,6 +97,7 @@ pub fn find<L: Link>(
         recorded_motions::motions(first, &file.limits, repeats)
     });
     group.configure(false)?;
+    source.waits(group)?;
     group.find_rollers(&mut |search| journal.announce(search))?;
     journal.ahead(twists.iter().map(|_| LASTS));
     let motions = recorded_motions::record(group, &twists, source, journal)?;

@@ -162,6 +162,8 @@ pub struct MemberSample {
     pub pose: Option<Pose>,
     /// Measured wheel rates in rad/s, positive rolls the base forward.
     pub wheel_rates: Option<WheelRates>,
+    /// Yaw rate of its gyro, in rad/s, counter-clockwise positive; only where that is used.
+    pub yaw_rate: Option<f32>,
     /// Temperature of the hottest motor behind smart drives, degrees Celsius: as last read, and
     /// asked for only while this program commands.
     pub motor_temperature: Option<u8>,
@@ -182,6 +184,7 @@ impl MemberSample {
             self.slip_residual = None;
             self.measured = None;
             self.wheel_rates = None;
+            self.yaw_rate = None;
         }
         if heartbeat.is_some_and(|age| age > PRESENT_NMT) {
             self.nmt = None;

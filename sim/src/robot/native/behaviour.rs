@@ -264,7 +264,7 @@ impl Robot for NativeRobot {
             self.id,
             self.serial,
             clock,
-            self.output_stages,
+            (self.output_stages, self.gyro.is_some()),
             self.flash.as_deref(),
             self.wear,
             &mut self.program,
