@@ -43,7 +43,7 @@ pub struct Arguments {
     #[arg(long, value_name = "NUMBER")]
     only: Option<u8>,
     /// Pairs of causes to test: all of them with native robots and those that cut with the image,
-    /// only those that cut, which is the default, or none. Not with smart drives.
+    /// only those that cut, which is the default but for a kit, or none. Not with smart drives.
     #[arg(long, value_enum)]
     pairs: Option<Pairs>,
     /// Number of tests that run in parallel; by default the number of processors.
@@ -135,15 +135,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let mut group = GroupFile::load(cargo::root().join(GROUP))?;
     let stage = arguments.stage();
     let smart = matches!(stage, Stage::C620);
-    let alone = smart || arguments.board == Board::KitF103rc;
     let pairs = match arguments.pairs {
-        None | Some(Pairs::None) if alone => Pairs::None,
-        Some(_) if alone => {
-            bail!(
-                "--pairs: pairs of causes are not tested with smart drives or on a kit-f103rc; give \
-                 --pairs none"
-            )
+        None | Some(Pairs::None) if smart => Pairs::None,
+        Some(_) if smart => {
+            bail!("--pairs: pairs of causes are not tested with smart drives; give --pairs none")
         }
+        // They take longer than all other trials of a kit.
+        None if arguments.board == Board::KitF103rc => Pairs::None,
         pairs => pairs.unwrap_or(Pairs::Cuts),
     };
     for robot in &mut group.robots {
@@ -209,7 +207,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         );
     }
     let only = arguments.only;
-    let tried = try_pairs(pairs, only, threads, (&promises, slow), &group, &firmware);
+    let causes = pairs::all(&promises, (arguments.board, stage.into()));
+    let tried = try_pairs(pairs, only, threads, (causes, slow), &group, &firmware);
     print_pairs(&tried);
     if let Some(path) = &arguments.json {
         let all: Vec<_> = lines.iter().map(to_json).collect();
@@ -323,7 +322,7 @@ fn try_pairs<'a>(
     which: Pairs,
     only: Option<u8>,
     threads: usize,
-    (promises, slow): (&'a [Promise], Slow),
+    (causes, slow): (Vec<Pair<'a>>, Slow),
     group: &GroupFile,
     firmware: &Firmware,
 ) -> Vec<TriedPair<'a>> {
@@ -331,7 +330,7 @@ fn try_pairs<'a>(
         return Vec::new();
     }
     let concerned = |pair: &Pair<'_>| only.is_none_or(|only| pair.concerns(only));
-    let jobs = pairs::all(promises).into_iter().filter(concerned);
+    let jobs = causes.into_iter().filter(concerned);
     let mut jobs: Vec<_> = jobs
         .flat_map(|pair| [(pair, true), (pair, false)])
         .filter(|(pair, image)| match image {

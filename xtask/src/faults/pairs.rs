@@ -71,16 +71,16 @@ impl Outcome {
     }
 }
 
-/// The pairs of all causes.
-pub fn all(promises: &[Promise]) -> Vec<Pair<'_>> {
+/// The pairs of all causes that concern a board and its kind of bridges.
+pub fn all(promises: &[Promise], (board, stage): (Board, StageKind)) -> Vec<Pair<'_>> {
     let promised = |case: &'static Case| {
         let promise = promises.iter().find(|p| p.number == case.number)?;
         promise.millis.map(|_| (promise, case))
     };
     let causes: Vec<_> = CASES
         .iter()
-        .filter(|case| !case.alone && case.drives.concern(StageKind::PwmDirection))
-        .filter(|case| (case.boards)(Board::default()))
+        .filter(|case| !case.alone && case.drives.concern(stage))
+        .filter(|case| (case.boards)(board))
         .filter(|case| !matches!(case.procedure, Procedure::Stored(_)))
         .filter_map(promised)
         .collect();
