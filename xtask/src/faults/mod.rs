@@ -42,8 +42,7 @@ pub struct Arguments {
     /// Tests only the cause with this number.
     #[arg(long, value_name = "NUMBER")]
     only: Option<u8>,
-    /// Pairs of causes to test: all of them with native robots and those that cut with the image,
-    /// only those that cut, which is the default, or none. Not with smart drives.
+    /// Pairs of causes to test; by default cuts. With smart drives only none.
     #[arg(long, value_enum)]
     pairs: Option<Pairs>,
     /// Number of tests that run in parallel; by default the number of processors.
@@ -64,9 +63,9 @@ pub struct Arguments {
 /// Pairs of causes to test.
 #[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 enum Pairs {
-    /// All with native robots, and those of which one cuts with the image.
+    /// All pairs with native robots, and those with a cut also with the image.
     All,
-    /// Those of which one cuts, native and with the image.
+    /// Pairs with a cut, with native robots and with the image.
     Cuts,
     /// None.
     None,
@@ -77,11 +76,11 @@ enum Pairs {
 enum Stage {
     /// PWM and direction.
     PwmDirection,
-    /// Two half bridges a wheel.
+    /// Two half bridges per wheel.
     InInSlow,
-    /// Two PWMs a wheel, one input low.
+    /// Two PWMs per wheel, one input low.
     InInFast,
-    /// Two PWMs a wheel, one input high.
+    /// Two PWMs per wheel, one input high.
     InInBrake,
     /// Half of the period high is no voltage.
     LockedAntiphase,
