@@ -70,7 +70,7 @@ pub struct Battery {
 pub struct EncoderNoise {
     /// Share of the counts that is lost, 0..1.
     pub lost: f64,
-    /// Counts of either sign that nothing caused, on average so many a second.
+    /// Stray counts of either sign, on average this many a second.
     pub extra_per_s: f64,
 }
 

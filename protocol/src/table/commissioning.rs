@@ -52,7 +52,7 @@ records! { IDENTIFICATION_RECORDS:
 records! { BLINK_RECORDS:
     0x2059 "Blink" {
         BLINK = 0: command("Blink", "s", Kind::U8),
-            "For so many seconds the LED shows which robot this is: five short flashes and a \
+            "The LED shows for this many seconds which robot this is: five short flashes and a \
              pause. 0 ends it. Reads as the seconds left.";
     }
 }

@@ -92,8 +92,8 @@ records! { CAN_RECORDS:
              one; from 128 on error passive.";
         CAN_LAST_ERROR = 3: state("Last error", "", Kind::U8),
             "0 none since the start, 1 stuffing, 2 form, 3 not acknowledged, 4 recessive bit read \
-             as dominant, 5 dominant bit read as recessive, 6 checksum. Looked at every few ms, so \
-             one of several may be missed.";
+             as dominant, 5 dominant bit read as recessive, 6 checksum. Read every few ms, so one \
+             of several may be missed.";
         CAN_PASSIVES = 4: counter("Times error passive"),
             "Since power came. Each is announced by emergency message 0x8120 and taken back once \
              both error counters are below 96.";

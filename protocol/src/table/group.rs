@@ -31,8 +31,8 @@ records! { GROUP_RECORDS:
     }
     0x2042 "Restart and stops" {
         STANDSTILL_SYNCS = 1: parameter("Standstill before motion", "SYNCs", byte(1, 250, 3)),
-            "After a start, so many SYNCs in a row must bring a setpoint of less than 0.01 m/s and \
-             0.01 rad/s that all members agree on; until then any other is a scale of 0.";
+            "After a start, this many SYNCs in a row must bring a setpoint of less than 0.01 m/s \
+             and 0.01 rad/s that all members agree on; until then any other is a scale of 0.";
         PROTECTIVE_STOP = 2: parameter("Protective stop", "", byte(0, 1, 0)),
             "1: a normally closed contact is connected to the protective stop input; open is a \
              ramp, then outputs off.";
