@@ -11,7 +11,7 @@ use protocol::{Fault, MemberState, Reaction};
 /// What follows a ramp.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum After {
-    /// The robot was told to stop.
+    /// The robot was commanded to stop.
     Ready,
     /// Something made it stop.
     Faulted(Fault),
