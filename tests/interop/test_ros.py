@@ -141,7 +141,7 @@ class Refusals(RosTest):
         with Repeated(first, lambda: twist(vx=0.2)):
             until("motion", lambda: watcher.speed > 0.1)
             with Repeated(second, lambda: twist(vx=-0.2)):
-                watcher.says("cmd_vel", "drives; one publisher at a time")
+                watcher.says("cmd_vel", "drives already; only one publisher may drive at a time")
                 self.assertGreater(watcher.look().newest["odom"].twist.twist.linear.x, 0)
         watcher.stands()
         with Repeated(second, lambda: twist(vx=-0.2)):

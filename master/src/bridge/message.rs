@@ -39,7 +39,9 @@ impl Request {
     /// With the reason when it is no request.
     pub fn parse(line: &[u8]) -> Result<Self, String> {
         if line.len() > LONGEST {
-            return Err(refuse(format_args!("a line of more than {LONGEST} bytes")));
+            return Err(refuse(format_args!(
+                "the line has more than {LONGEST} bytes"
+            )));
         }
         let (kind, mut fields) = Fields::read(line)?;
         let request = match kind.as_str() {

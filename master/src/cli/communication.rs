@@ -27,7 +27,7 @@ pub fn find(text: &str) -> Option<Address> {
 pub fn name(at: Address) -> anyhow::Result<String> {
     let mut name = String::new();
     if canopen::eds::name(&mut name, at.index, at.sub).is_err() {
-        bail!("there is no object {at}; docs/omnibus.eds lists those of the communication");
+        bail!("there is no object {at}; docs/omnibus.eds lists the communication objects");
     }
     Ok(name)
 }

@@ -247,8 +247,8 @@ impl CableLosses {
         } = self;
         (to_cable + to_bus + damaged > 0).then(|| {
             format!(
-                "since its start {to_cable} lines found no room on its cable, {to_bus} frames of \
-                 the cable did not leave for the bus, and the cable was damaged {damaged} times"
+                "since its start it dropped {to_cable} lines to its cable and {to_bus} frames from \
+                 the cable to the bus, and could not read its cable {damaged} times"
             )
         })
     }

@@ -129,8 +129,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         )?;
         if robot.output.kind.drive_current().is_some() {
             print_line(
-                "The same holds for smart drives whose identifiers are each other's: a drive \
-                 reports what it turns itself.",
+                "Swapped identifiers of smart drives do not show either: a drive reports the wheel \
+                 that it turns itself.",
             )?;
         }
     }

@@ -41,7 +41,7 @@ pub struct Found {
     pub serial: u32,
     /// Firmware version: major, minor, patch in the upper three bytes.
     pub firmware: u32,
-    /// What it is doing; `None` when it gave no number that this release knows.
+    /// What it is doing; `None` when this release does not know the number.
     pub state: Option<MemberState>,
     /// Its limit or fault, as sent.
     pub code: u16,

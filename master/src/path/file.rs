@@ -154,7 +154,8 @@ fn parse(text: &str) -> Result<Spline, (usize, String)> {
             let value = value.ok_or_else(|| (at, format!("{name}: '{field}' is not a number")))?;
             if ["x", "y"].contains(name) && value.abs() > FARTHEST {
                 let problem = format!(
-                    "{name}: {value} m is farther than {FARTHEST} m from zero; move the path's zero"
+                    "{name}: {value} m is farther than {FARTHEST} m from zero; move the path \
+                     nearer to its origin"
                 );
                 return Err((at, problem));
             }
@@ -167,7 +168,7 @@ fn parse(text: &str) -> Result<Spline, (usize, String)> {
         if let [.., before, now] = times[..]
             && now <= before
         {
-            return Err((at, format!("t: {now} does not come after {before}")));
+            return Err((at, format!("t: {now} is not later than {before}")));
         }
         last = at;
     }

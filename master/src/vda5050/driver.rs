@@ -265,7 +265,7 @@ impl<'a> Driver<'a> {
             errors.push(VehicleError {
                 kind: "groupStopped".into(),
                 sentence: format!(
-                    "{why}; cancel the order, see to the cause, and send a new order"
+                    "{why}; cancel the order, remove the cause, and send a new order"
                 ),
                 fatal: true,
                 references: Vec::new(),
