@@ -1,5 +1,4 @@
-//! What a simulated world needs to be told and a real one knows by itself: the `[simulation]`
-//! table.
+//! The values that a simulated world needs and a real one has by itself: the `[simulation]` table.
 //!
 //! Everything random in it comes from one seed.
 

@@ -1,4 +1,4 @@
-//! What a bridge and its clients say to each other: one JSON object a line, `type` first.
+//! Messages between a bridge and its clients: one JSON object a line, `type` first.
 
 use group::GroupFile;
 use kinematics::Twist;

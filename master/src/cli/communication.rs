@@ -1,4 +1,4 @@
-//! Objects of the communication (CiA 301, 0x1000 to 0x1FFF), which `protocol::OBJECTS` has not: the
+//! Communication objects (CiA 301, 0x1000 to 0x1FFF), which `protocol::OBJECTS` does not have: the
 //! CANopen device of a robot answers for them. They are only read here; their names are those of
 //! the data sheet.
 

@@ -1,5 +1,5 @@
-//! `omnibus scan` and `omnibus status`: who is on the bus, and how they are. Both only read;
-//! neither claims to be the master, so a running group is not disturbed.
+//! `omnibus scan` and `omnibus status`: which robots are on the bus, and their state. Both only
+//! read; neither claims to be the master, so a running group is not disturbed.
 
 use canopen::NmtState;
 use omnibus::bus::wire::Wire;

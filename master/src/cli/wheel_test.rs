@@ -1,4 +1,4 @@
-//! `omnibus wheel-test` and `omnibus blink`: is every wire where it belongs, and which robot is
+//! `omnibus wheel-test` and `omnibus blink`: whether every wire is in its place, and which robot is
 //! this.
 
 use std::cell::Cell;

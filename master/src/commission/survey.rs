@@ -1,4 +1,4 @@
-//! Who is on a bus: every robot that answers, what it says about itself, and what contradicts what.
+//! Surveys a bus: every robot that answers, its identity, and contradictions between them.
 //!
 //! A survey only reads and does not claim to be the master, so a running group is not disturbed.
 //!

@@ -1,4 +1,4 @@
-//! A new image for robots, over the bus: all of them start it, or all of them stay with what they
+//! A new image for robots, over the bus: either all of them start it, or all of them keep what they
 //! have.
 //!
 //! # Theory of operation

@@ -1,4 +1,4 @@
-//! Whether every motor turns its own wheel the right way and its encoder says so.
+//! Tests whether every motor turns its own wheel in the right direction and its encoder counts it.
 //!
 //! One wheel at a time gets some voltage, and all four encoders are watched. That finds motors and
 //! encoders that are silent, reversed, or in each other's places. It cannot tell a reversed motor

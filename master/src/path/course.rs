@@ -1,5 +1,5 @@
-//! What is to be driven, as a user says it: a curve of the paper or a file, how often, how fast,
-//! facing where.
+//! A drive as the user requests it: a curve of the paper or a file, how often, how fast, facing
+//! where.
 //!
 //! A [`Course`] becomes a [`Plan`] in this order: the path; repeated; stretched in time; given its
 //! heading; ramped at both ends. So ramps are of the whole drive, and a repeated curve is passed in
@@ -484,6 +484,13 @@ mod tests {
             heading: 1e4,
             ..course(Curve::Circle)
         };
-        assert!(wrong.plan().err().unwrap().to_string().contains("--heading"));
+        assert!(
+            wrong
+                .plan()
+                .err()
+                .unwrap()
+                .to_string()
+                .contains("--heading")
+        );
     }
 }

@@ -1,4 +1,4 @@
-//! What ROS 2 asks of the group: velocities and calls of services, each judged before it reaches
+//! Requests of ROS 2 to the group: velocities and calls of services, each judged before it reaches
 //! the controls.
 //!
 //! A velocity that cannot be followed moves nothing: it is not finite, asks for an axis that a

@@ -1,4 +1,4 @@
-//! What the page and the server say to each other: one JSON object a message, `type` first.
+//! Messages between the page and the server: one JSON object a message, `type` first.
 
 use clap::ValueEnum as _;
 use serde_json::{Value, json};

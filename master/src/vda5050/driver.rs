@@ -1,4 +1,4 @@
-//! From what the vehicle asks for to what the group does, and back.
+//! Translates the vehicle's requests into commands to the group, and the group's state back.
 //!
 //! A request to drive becomes a [`SharedRoute`]. The robots are started for it, and the route is
 //! handed to the pilot when they follow setpoints. More legs are put behind it while it is driven;

@@ -123,8 +123,8 @@ pub(crate) struct Application {
 
     last_sync: Micros,
     last_heartbeat: Micros,
-    /// Nothing runs out before. Signs of life only move that further off, so it need not follow
-    /// them at once.
+    /// Earliest deadline. Fresh frames can only postpone it, so it is computed again only when it
+    /// is due.
     pub runs_out: Micros,
     /// Until when it has listened for a robot of the same node.
     listened: Micros,
