@@ -1,7 +1,7 @@
 //! Decides which setpoint is fresh, and detects two masters.
 //!
 //! A setpoint is *fresh* when its sequence lies 1 to 127 ahead of the last one, wrapping. The same
-//! sequence again is a repetition; one that lies behind is stale. Neither resets the time-out, so a
+//! sequence again is a repetition; one that lies behind is stale. Neither resets the timeout, so a
 //! master that is stuck, or an old frame, stops the group. After a start any sequence is accepted
 //! except the one that was in force before, which could be an old frame.
 //!

@@ -5,7 +5,7 @@
 //! group on the floor does not have, is in another frame, old, or beyond ten times the limits,
 //! where a unit is wrong. One beyond the limits is slowed down in its direction. Each publisher is
 //! a client of the controls, so one drives at a time; another succeeds it once the first has been
-//! silent for the time-out. A publisher whose velocity came while the robots were not ready has to
+//! silent for the timeout. A publisher whose velocity came while the robots were not ready has to
 //! pause or to send zero before it moves them: nothing moves because something else became ready.
 //!
 //! What was refused is counted and told in words by [`Commands::report`], for `diagnostics`.

@@ -50,7 +50,7 @@ const PROCESS_DATA: &str = "\
 All PDOs are synchronous, transmission type 1, and exactly eight bytes. Scaled fields are rounded to
 nearest and saturate; the most negative value (-32768, or -8388608 in 24 bits; of an unsigned
 magnitude 255) means *invalid*. A setpoint's sequence must lie 1 to 127 ahead of the last one,
-wrapping; what repeats or lies behind is not followed and does not reset the time-out.
+wrapping; what repeats or lies behind is not followed and does not reset the timeout.
 ";
 
 const FAULTS: &str = "\
@@ -123,7 +123,7 @@ A robot without tables reads a set without rows, version 0.
 
 ## Resets
 
-Reset communication (NMT) sets the objects of the communication to their saved values; reset node
+Reset communication (NMT) sets the communication objects to their saved values; reset node
 also those of the application, and 0x2100 and 0x2101 to 0. Neither changes what the robot measures:
 pose (0x2112), counters and histories go on. A robot that moves ramps down with its group.
 

@@ -15,7 +15,7 @@
 //! | `agree` | at SYNC: the vote on the next setpoint; with the last vote: the decision |
 //! | `alone` | one robot moved alone |
 //! | `identification` | identification of the motors |
-//! | `faults` | time-outs, and how faults are announced |
+//! | `faults` | timeouts, and how faults are announced |
 //! | `publish` | what the robot reports about itself |
 //! | `plan` | what the members compare before they move |
 //! | `storage` | saving parameters |
