@@ -524,7 +524,7 @@ fn objects_are_told_with_what_their_numbers_mean() {
     }
     let set = ["param", "set", "2031:6", "a", "--node", "2", "--bus", BUS];
     let text = String::from_utf8(omnibus(&set).stderr).unwrap();
-    assert!(text.contains("'a' is no whole number"), "{text}");
+    assert!(text.contains("'a' is not a whole number"), "{text}");
 }
 
 #[test]

@@ -168,7 +168,7 @@ mod tests {
             lateness
                 .read()
                 .to_string()
-                .contains("2 went without a setpoint")
+                .contains("2 went without a new setpoint")
         );
     }
 }

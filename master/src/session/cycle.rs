@@ -29,8 +29,8 @@ impl<L: Link> Group<L> {
         self.paced = self.wire.link.pace(Some(schedule));
     }
 
-    /// The counter of the next SYNC: one more than that of the last SYNC on the bus, whoever sent
-    /// it.
+    /// The counter of the next SYNC: one more than that of the last SYNC on the bus, from any
+    /// master.
     fn next_counter(&self) -> u8 {
         self.wire.sync_counter() % SYNC_OVERFLOW + 1
     }
