@@ -35,6 +35,10 @@ const HELD: Duration = Duration::from_micros(20);
 
 /// Options of `omnibus-sim serve`.
 #[derive(Args)]
+#[command(after_help = "Examples:
+  omnibus-sim serve groups/tcc-2.toml --lockstep 127.0.0.1:7701 --pose-tcp 127.0.0.1:7702
+  omnibus-sim serve groups/tcc-3.toml --slcan-tcp 127.0.0.1:7701 --fault t=5:node=3:power-cycle
+  omnibus-sim serve groups/tcc-3.toml --log bus.log --duration 2 --speed max")]
 pub struct Serve {
     /// The group file.
     group: PathBuf,
