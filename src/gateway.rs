@@ -34,7 +34,7 @@ pub struct Gateway {
     channel: Channel,
     /// A frame that waits for a mailbox, and since when.
     waiting: Option<(Frame, Micros)>,
-    /// Bytes have come that have not been looked at, because a frame before them is on its way.
+    /// Bytes have arrived that are not read yet, because a frame before them is still to be sent.
     unread: bool,
     /// How often bytes of the cable were damaged.
     damaged: u32,

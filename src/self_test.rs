@@ -59,7 +59,7 @@ struct Bench {
     flash: ParameterFlash,
     flash_times: FlashTimes,
     bits: Bits,
-    /// Whose frame is to be looked at.
+    /// The sender whose frame is measured.
     listens_to: Option<u8>,
 }
 

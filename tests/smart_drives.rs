@@ -172,7 +172,7 @@ fn a_crash_leaves_the_drives_without_current(image: &str) {
     }
 }
 
-/// A halted core says no last words: the drives' own time-out, assumed to be 100 ms, counts.
+/// A halted core says no last words: the drives' own timeout, assumed to be 100 ms, counts.
 fn a_robot_that_says_nothing_is_noticed_by_its_drives(image: &str) {
     let group = common::group("c620");
     let mut link = link(&group, image);
@@ -249,7 +249,7 @@ fn a_start_is_refused_with_the_name_of_the_fault(image: &str) {
 /// Every way in which a robot in motion comes to a stop, with what does it and how long a drive may
 /// have current after it, ms: after a cut what naming it and one command take; after a ramp what
 /// 0.6 m/s at 2.4 m/s2 and the jerk take, the silence that begins it and the brake. A drive that
-/// has taken another identifier hears no command: its own time-out counts.
+/// has taken another identifier hears no command: its own timeout counts.
 const STOPS: [(&str, Stop, u64); 10] = [
     ("emergency stop", |m| m.world.set_emergency_stop(0, true), 3),
     ("driver fault", |m| m.world.set_driver_fault(0, true), 3),

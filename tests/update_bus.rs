@@ -111,7 +111,7 @@ fn slot_after(file: &File, content: &Content) -> (Robot, Option<Slot>) {
     (robot, slot)
 }
 
-/// A client whose time-out is a sixth of the longest erase is answered all the time, on slow flash
+/// A client whose timeout is a sixth of the longest erase is answered all the time, on slow flash
 /// and with the fastest oscillator of the watchdog as well; and the heartbeat goes on.
 fn a_poll_is_answered_while_a_sector_is_erased(robots: &Robots) {
     let file = File::new(robots);

@@ -128,13 +128,17 @@ impl fmt::Display for HeaderError {
             Self::Short => write!(f, "shorter than the {LENGTH} bytes of a header"),
             Self::Magic => f.write_str("not an image file of Omnibus"),
             Self::Format(found) => {
-                write!(f, "image file of layout {found}; layout {FORMAT} is known")
+                write!(
+                    f,
+                    "image file of layout {found}; this program knows layout {FORMAT}"
+                )
             }
-            Self::Reserved => f.write_str("bytes of the header that have to be 0 are not"),
+            Self::Reserved => f.write_str("reserved bytes of the header are not 0"),
             Self::Address(slot) => write!(f, "the image for slot {slot:?} is at a wrong address"),
             Self::Length(slot) => write!(
                 f,
-                "the image for slot {slot:?} has not {} to {} bytes, in words",
+                "the length of the image for slot {slot:?} is not a multiple of 4 from {} to {} \
+                 bytes",
                 crate::slots::SHORTEST_IMAGE,
                 slot.longest_image()
             ),

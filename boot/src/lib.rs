@@ -1,4 +1,4 @@
-//! Two images in flash, which of them is started, and the file that a new one comes in.
+//! Two images in flash, the choice between them, and the file format of a new one.
 //!
 //! # Theory of operation
 //!

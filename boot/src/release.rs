@@ -1,4 +1,4 @@
-//! What the images of this source say of themselves.
+//! The security counter and the hardware revision of images of this source.
 
 /// Raised when an older image must not come back, because it has a hole; see
 /// [`Header::admit`](crate::header::Header::admit).

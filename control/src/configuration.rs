@@ -133,7 +133,7 @@ pub struct Configuration {
     pub brake: BrakeTimes,
     /// Thresholds for slip, strain and a blocked wheel.
     pub thresholds: Thresholds,
-    /// Time-outs.
+    /// Timeouts.
     pub times: Times,
     /// Smart drives, for the board.
     pub drives: DriveConfiguration,

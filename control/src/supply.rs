@@ -16,7 +16,7 @@ use crate::quantity::{Divider, InputVoltage, Ratio, Voltage};
 use crate::threshold::Lasting;
 use crate::time::Micros;
 
-/// Part of a new sample in the mean: it follows with a time constant of four ticks.
+/// Weight of a new sample in the mean: it follows with a time constant of four ticks.
 const FRESH: Ratio = Ratio::new(0.25);
 
 /// Voltage at the input above which the converter is at its end, V: three steps of 4096 below its

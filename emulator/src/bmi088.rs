@@ -7,7 +7,7 @@
 //!
 //! | not modelled | data sheet |
 //! |---|---|
-//! | accelerometer: its chip select is not looked at | 5.3 |
+//! | accelerometer: its chip select is ignored | 5.3 |
 //! | filter and output rate of GYRO_BANDWIDTH (stored), and with them the delay | 5.5.5 |
 //! | FIFO, interrupts, self-test (read as 0, writes are lost) | 5.5.7 to 5.5.17 |
 //! | wake-up time after suspend | 5.5.6 |

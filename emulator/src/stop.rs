@@ -1,4 +1,4 @@
-//! Why a run ended early.
+//! The reasons for which a run ends early.
 
 use std::fmt;
 

@@ -305,7 +305,7 @@ impl Checker<'_> {
             if let Some(raw) = value
                 && ms > LONGEST_LAG_MS
             {
-                let remedy = "give at most 100; a contact does not creep by more";
+                let remedy = "give at most 100; contacts do not creep by more";
                 self.refuse(raw, &field, &format!("is {ms}"), remedy);
             }
             ms * 1e-3

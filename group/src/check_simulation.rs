@@ -403,7 +403,7 @@ impl Checker<'_> {
                 &list,
                 FIELD,
                 &problem,
-                "give one value a robot, in their order",
+                "give one value per robot, in their order",
             ));
         }
         list.get_ref()

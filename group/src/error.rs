@@ -1,4 +1,4 @@
-//! What is said when a group file is refused.
+//! The errors for which a group file is refused.
 //!
 //! One sentence in one fixed order, `file:line: field: problem; remedy`, so that an editor can jump
 //! to the place and a person knows what to type there. The exact text is under test.

@@ -1,4 +1,4 @@
-//! What a robot must be told: the group file as a list of objects and values.
+//! The group file as a list of objects and values, as each robot needs them.
 //!
 //! One function of the file, so that every master writes the same: the `omnibus` command, and the
 //! simulator when it drives robots of its own.

@@ -1,5 +1,4 @@
-//! What a simulated world needs to be told and a real one knows by itself: the `[simulation]`
-//! table.
+//! The values that a simulated world needs and a real one has by itself: the `[simulation]` table.
 //!
 //! Everything random in it comes from one seed.
 
@@ -70,7 +69,7 @@ pub struct Battery {
 pub struct EncoderNoise {
     /// Share of the counts that is lost, 0..1.
     pub lost: f64,
-    /// Counts of either sign that nothing caused, on average so many a second.
+    /// Stray counts of either sign, on average this many a second.
     pub extra_per_s: f64,
 }
 

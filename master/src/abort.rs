@@ -1,7 +1,7 @@
-//! The wish to stop, from another thread or a signal: once means ramp down, twice means at once.
+//! A request to stop, from another thread or a signal: once means ramp down, twice means at once.
 //!
-//! The session looks at it once per SYNC period. "At once" still goes by the robots' own rules:
-//! they are taken out of OPERATIONAL while they may be moving, which cuts their drivers.
+//! The session checks it once per SYNC period. "At once" still goes by the robots' own rules: they
+//! are taken out of OPERATIONAL while they may be moving, which cuts their drivers.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};

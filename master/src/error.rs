@@ -70,15 +70,15 @@ pub enum MasterError {
         abort: AbortCode,
     },
     /// A robot has another key than the one given.
-    #[error("node {node}: it has another key; give the file that its key was set from")]
+    #[error("node {node} has another key; give the file from which its key was set")]
     WrongKey {
         /// The node.
         node: u8,
     },
     /// A robot takes no key at present.
     #[error(
-        "node {node}: it accepts no key now; after a wrong key it waits up to 64 s, and it must not be \
-         OPERATIONAL; try again then"
+        "node {node} accepts no key now: it waits up to 64 s after a wrong key, and it must not be \
+         OPERATIONAL; stop it, or wait, and try again"
     )]
     Barred {
         /// The node.
@@ -121,8 +121,8 @@ pub enum MasterError {
     },
     /// A robot did not get ready to move.
     #[error(
-        "node {node} did not get ready to move: NMT state {}, member state {}, code {code}; its last \
-         faults: omnibus status --history",
+        "node {node} did not get ready to move: NMT state {}, member state {}, code {code}; \
+         `omnibus status --history` shows its last faults",
         known(*nmt),
         known(*state)
     )]
@@ -210,7 +210,7 @@ pub enum MasterError {
     )]
     PoseLost,
     /// No person is there to answer a question.
-    #[error("the standard input ended before the question was answered")]
+    #[error("standard input ended before the question was answered")]
     NoAnswer,
     /// Giving node ids did not work.
     #[error("LSS: {0}")]
@@ -274,7 +274,7 @@ pub enum MasterError {
     },
     /// A curve asks for more than the group may do.
     #[error(
-        "{trajectory} asks for {asked:.3} {unit}, {limit_name} of the group is {limit:.3}; go \
+        "{trajectory} asks for {asked:.3} {unit}, but {limit_name} of the group is {limit:.3}; go \
          slower (a curve with --speed or --scale below 1), or raise {limit_name} in the group file"
     )]
     TooFast {

@@ -1,5 +1,5 @@
-//! Robots made of cardboard, for tests of the master alone: they answer SDO, follow NMT, echo
-//! setpoints at SYNC, and misbehave on request. They do not move. Time is virtual.
+//! Mock robots, for tests of the master alone: they answer SDO, follow NMT, echo setpoints at SYNC,
+//! and misbehave on request. They do not move. Time is virtual.
 
 use std::collections::{HashMap, VecDeque};
 

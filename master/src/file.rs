@@ -1,4 +1,4 @@
-//! Files that are never half a file: written beside, then renamed.
+//! Files that are never incomplete: written under another name, then renamed.
 //!
 //! [`replace`] writes a whole content at once; [`Beside`] is for what grows, such as a recording.
 //! Both write to `NAME.part` in the same folder and give it its name only when everything is on

@@ -57,7 +57,7 @@ enum Command {
     /// Flashes one robot's LED, to tell which robot it is.
     #[command(alias = "identify")]
     Blink(cli::wheel_test::Blink),
-    /// Updates the firmware of all robots, or of none.
+    /// Updates the firmware of all robots, or of none if one fails.
     Update(cli::update::Arguments),
     /// Locks the parameters and images of robots with a key, or sets that key.
     Lock(cli::lock::Lock),
@@ -69,7 +69,7 @@ enum Command {
     IdentifyMotors(cli::motors::Arguments),
     /// Measures a group against the promises of the documents, on stands or on the floor.
     Accept(cli::accept::Arguments),
-    /// Calculates the load of the bus.
+    /// Calculates the bus load.
     BusLoad(cli::bus_load::Arguments),
     /// Listens to a bus and records everything on it.
     Record(cli::record::Arguments),
@@ -83,7 +83,7 @@ enum Command {
     Report(cli::plot::Report),
     /// Serves a page with the live group and a joystick.
     Serve(cli::serve::Arguments),
-    /// Lets other programs drive the group and see it, by lines of JSON; shows it in Foxglove.
+    /// Lets other programs drive and observe the group by JSON lines, and shows it in Foxglove.
     Bridge(cli::bridge::Arguments),
     /// Lets a fleet control drive the group as one vehicle, by VDA 5050 over MQTT.
     #[cfg(feature = "vda5050")]

@@ -418,7 +418,7 @@ fn survive<L: Link>(group: &mut Group<L>, error: MasterError) -> Result<(), Mast
     Ok(())
 }
 
-/// `twist` within the group's limits; standstill for what is no number.
+/// `twist` within the group's limits; standstill if it is not finite.
 fn within(twist: Twist, file: &GroupFile) -> Twist {
     slowed(twist, &file.limits)
         .map(|(twist, _)| twist)

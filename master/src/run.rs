@@ -55,8 +55,8 @@ pub struct Drive<'a> {
     pub abort: Abort,
     /// Where every frame, the curve and what was seen of the group are recorded.
     pub record: Option<&'a dyn Record>,
-    /// Who is told of the search for the wheels' indexes before it begins; `None` leaves the search
-    /// out, and robots begin with the mean of their rollers.
+    /// Called before the search for the wheels' indexes begins; `None` leaves the search out, and
+    /// robots begin with the mean of their rollers.
     pub index_search: Option<&'a dyn Fn(&IndexSearch)>,
 }
 

@@ -112,11 +112,12 @@ codes! {
         AwaitingStandstill = 0x000C,
         /// SYNC comes at another period than object 0x2041:1 says; the robot does not follow.
         SyncPeriod = 0x000D,
-        /// Declared alone for now (0x2050:2): it does not follow the group, and lets it not move.
+        /// This robot is declared alone for now (0x2050:2): it does not follow the group and keeps
+        /// it at rest.
         Alone = 0x000E,
         /// The votes on the last SYNC came later than the agreement delay, see 0x2121:8.
         LateVote = 0x000F,
-        /// The gyro is not believed, and turns are taken from the wheels; 0x2132:1 says why.
+        /// The gyro is not used, and headings come from the wheels; 0x2132:1 says why.
         Gyro = 0x0010,
         /// The group twist is faster than 0x2030:8 and :9 allow; the group is scaled down.
         GroupSpeed = 0x0011,
@@ -130,7 +131,7 @@ codes! {
         MasterSilent = 0x8130,
         /// SYNC is overdue.
         SyncLost = 0xFF02,
-        /// No fresh setpoint within its time-out.
+        /// No fresh setpoint within its timeout.
         SetpointOverdue = 0x8250,
         /// A member sent no status between two SYNCs.
         MemberSilent = 0xFF04,
@@ -178,22 +179,22 @@ codes! {
         StrainExcess = 0xFF19,
         /// The supply voltage is too high, or cannot be measured.
         SupplyHigh = 0x3210,
-        /// Members would not do the same: twist understood, group parameters or communication
+        /// Members would move differently: their setpoint, group parameters or communication
         /// objects differ.
         PlanMismatch = 0xFF1B,
         /// Another robot sends with this one's node number.
         DuplicateNode = 0xFF1C,
-        /// The protective stop asks for standstill, or its wire is broken.
+        /// The protective stop is open, or its wire is broken.
         ProtectiveStop = 0xFF1D,
         /// The processor's clock failed and it was restarted.
         ClockLost = 0xFF1E,
-        /// The processor's supply sank below what it needs and it was restarted.
+        /// The processor's supply fell below its minimum and it was restarted.
         SupplyCollapse = 0xFF1F,
-        /// The motors take more current than they may, or it cannot be measured.
+        /// The motors' current exceeds its bound, or cannot be measured.
         OverCurrent = 0xFF20,
-        /// Wheels turn, so that the robot cannot be started.
+        /// Wheels turn, so the robot cannot be started.
         WheelsTurn = 0xFF22,
-        /// A motor behind a smart drive is hotter than it may be.
+        /// A motor behind a smart drive is hotter than 0x202C:5 allows.
         DriveHot = 0x4310,
         /// A wheel's smart drive does not report: it is off or unplugged, or its bus is broken.
         DriveSilent = 0xFF24,

@@ -1,4 +1,4 @@
-//! CRC-32 of IEEE 802.3, without a table: it is worked out seldom and over little.
+//! CRC-32 of IEEE 802.3, bit by bit, without a table: it is computed rarely and over short inputs.
 
 /// The CRC-32 of some bytes.
 pub fn crc32(bytes: impl Iterator<Item = u8>) -> u32 {

@@ -390,7 +390,7 @@ impl Object {
         Self::state(address, name, unit, kind, text).in_pdos()
     }
 
-    /// Something the robot is told in a PDO.
+    /// A value that the robot receives in a PDO.
     #[must_use]
     pub(crate) const fn received(
         address: Address,

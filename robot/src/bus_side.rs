@@ -6,7 +6,7 @@
 //! NMT state, emergency messages, the store.
 //!
 //! Frames must come in the order they were received; with each comes the time of its reception, and
-//! all time-outs are checked before a frame is, so a frame that comes too late revives nothing. The
+//! all timeouts are checked before a frame is, so a frame that comes too late revives nothing. The
 //! owner keeps it going:
 //!
 //! - after every control tick (or at least once per SYNC) hand over the newest [`Report`];

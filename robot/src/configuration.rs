@@ -1,4 +1,4 @@
-//! A robot's configuration: everything it was told about itself, checked as a whole.
+//! A robot's configuration: all its parameters, checked as a whole.
 //!
 //! Built from the [`Parameters`] at every start, and only then, so that a half-written set never
 //! drives anything. What the control loop needs is worked out here: the folded kinematics, signed

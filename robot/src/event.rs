@@ -1,4 +1,4 @@
-//! What a robot's bus side tells its owner.
+//! The events that a robot's bus side reports to its owner.
 
 use canopen::NmtState;
 use control::time::Micros;

@@ -1,4 +1,4 @@
-//! Nothing moves right after a start: first the master must ask for standstill.
+//! Keeps a group at rest after a start until the master has commanded standstill.
 //!
 //! A master that goes on streaming a speed, or whose stick is not in the middle, would move the
 //! group with the first setpoint after an NMT start. So a started member permits nothing but

@@ -1,4 +1,4 @@
-//! What the times and counters of SYNC say: lost ones, another master's, another period.
+//! Judges the times and counters of SYNC: lost SYNCs, those of another master, another period.
 //!
 //! A counter that goes on by more than one has lost SYNCs behind it if their time has passed, too;
 //! one that runs backwards, stands still or jumps ahead of the clock belongs to a second master.

@@ -1,16 +1,15 @@
-//! Which setpoint counts.
+//! Decides which setpoint is fresh, and detects two masters.
 //!
 //! A setpoint is *fresh* when its sequence lies 1 to 127 ahead of the last one, wrapping. The same
-//! sequence again is a repetition, and says nothing new; one that lies behind is stale. Neither
-//! resets the time-out, so a master that got stuck, or a frame from the past, stops the group.
-//! After a start any sequence is taken but the one that was in force before: that could be an old
-//! frame.
+//! sequence again is a repetition; one that lies behind is stale. Neither resets the timeout, so a
+//! master that is stuck, or an old frame, stops the group. After a start any sequence is accepted
+//! except the one that was in force before, which could be an old frame.
 //!
 //! One master sends one setpoint per SYNC and its sequence goes up. More than one in a SYNC period,
 //! sequences that jump back and forth, or SYNC counters that run backwards or repeat, mean that two
-//! masters speak. Each such disorder adds two to a score, each orderly setpoint takes one away, so
-//! that a single doubled frame is forgiven and two masters are found out within six SYNCs. SYNCs
-//! that are lost are no disorder: see [`crate::rhythm`].
+//! masters send. Each such disorder adds two to a score and each orderly setpoint subtracts one, so
+//! that a single doubled frame is tolerated and two masters are detected within six SYNCs. Lost
+//! SYNCs are no disorder: see [`crate::rhythm`].
 
 use control::time::Micros;
 use protocol::{DecodeError, GroupTwist};

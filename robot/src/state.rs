@@ -1,4 +1,4 @@
-//! What a robot is doing, as one pure function of what it did and what happened.
+//! The state of a robot, as one pure function of the state before and an event.
 //!
 //! Terms: *started* is an accepted NMT start; *ready* is stopped and well; *armed* is started, with
 //! drivers on, standing; *ramping* is on the way to standstill; *faulted* is at rest with the cause
@@ -11,7 +11,7 @@ use protocol::{Fault, MemberState, Reaction};
 /// What follows a ramp.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum After {
-    /// The robot was told to stop.
+    /// The robot was commanded to stop.
     Ready,
     /// Something made it stop.
     Faulted(Fault),

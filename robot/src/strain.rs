@@ -1,9 +1,9 @@
-//! Do the members agree on how the group moves?
+//! Detects members that disagree about the motion of the group.
 //!
-//! Every member publishes the group twist its own wheels measure. On a rigid load all of them must
-//! be the same; what differs is slip or strain in the load. The difference to each other member is
-//! looked at where it acts: as a velocity at this robot's own place, so that a difference in yaw
-//! counts the more the longer the lever is.
+//! Every member publishes the group twist that its own wheels measure. On a rigid load all of them
+//! must be the same; a difference is slip or strain in the load. The difference to each other
+//! member is taken where it acts: as a velocity at this robot's own place, so that a difference in
+//! yaw counts the more the longer the lever is.
 
 use control::time::Micros;
 use kinematics::Twist;

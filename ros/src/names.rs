@@ -1,4 +1,4 @@
-//! What the group is called in ROS: frames, joints, namespaces.
+//! The names of the group in ROS: frames, joints, namespaces.
 
 /// Names of frames, which several groups in one tree of frames tell apart by a prefix.
 #[derive(Clone, Debug, PartialEq, Eq)]

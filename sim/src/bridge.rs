@@ -3,13 +3,14 @@
 //! # Theory of operation
 //!
 //! [`output`] takes the levels of a wheel's outputs, whatever made them, and the driver that is
-//! wired to them. So a robot that was told another kind of driver than it has misbehaves as a real
-//! one would: its wheels turn the wrong way, at the wrong speed, or as soon as the driver is on.
+//! wired to them. So a robot that is configured for another kind of driver than it has misbehaves
+//! as a real one would: its wheels turn the wrong way, at the wrong speed, or as soon as the driver
+//! is on.
 //!
 //! # Interface
 //!
 //! An emulated robot reads the levels from its pins. A native one has none; [`levels`] makes those
-//! that its firmware would, from the duty and the kind it was told.
+//! that its firmware would, from the duty and the configured kind.
 //!
 //! # Limits
 //!

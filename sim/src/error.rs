@@ -1,4 +1,4 @@
-//! Why a simulation cannot begin or go on.
+//! The errors that keep a simulation from starting or continuing.
 
 use std::fmt;
 

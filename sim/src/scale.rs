@@ -147,7 +147,7 @@ pub fn times_real_time(file: &GroupFile, backend: Backend, seconds: u16) -> Resu
             .status(robot.node)
             .is_none_or(|status| status.state != MemberState::Moving)
     }) {
-        let problem = "does not move when it is told to".to_owned();
+        let problem = "does not move when it is commanded to".to_owned();
         return Err(SimError::Robot {
             node: robot.node,
             problem,

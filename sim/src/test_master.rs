@@ -1,6 +1,6 @@
-//! A master that can be told to do wrong: it stops its heartbeat, SYNC or setpoints, sends
-//! nonsense, or is joined by a second one. What a group does about that is what rules and faults
-//! are tried with.
+//! A master that misbehaves on demand: it stops its heartbeat, SYNC or setpoints, sends nonsense,
+//! or is joined by a second one. What a group does about that is what rules and faults are tried
+//! with.
 //!
 //! It drives robots that are configured already: its heartbeat goes out every 100 ms, SYNC every
 //! period, and the setpoint [`SETPOINT_LEAD_US`] before it. Everything the robots say is kept until

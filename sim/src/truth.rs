@@ -1,4 +1,4 @@
-//! What really happened, as a perfect observer sees it.
+//! The true state of the world, as a perfect observer measures it.
 //!
 //! Samples are taken at whole multiples of a period of virtual time and kept until someone takes
 //! them away; a minute at 100 Hz with three robots is about 4 MB. Nothing in the simulated robots

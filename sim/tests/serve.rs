@@ -404,7 +404,7 @@ fn bad_input_is_named() {
         ),
         (
             ["--duration", "0"],
-            "error: --duration 0: give a number of seconds above 0\n",
+            "error: --duration 0.0: give more than 0 s and less than 1e9 s\n",
         ),
         (
             ["--fault", "node=2:explode"],

@@ -1,7 +1,7 @@
 """python-canopen on a bus whose time waits for it: `omnibus-sim serve --lockstep`.
 
-The time-outs of python-canopen are those of the clock on the wall. Here they are those of the simulated bus: whoever
-waits for an answer lets the world go on until it comes or the time is over. So a test may have the time-outs of a
+The timeouts of python-canopen are those of the clock on the wall. Here they are those of the simulated bus: whoever
+waits for an answer lets the world go on until it comes or the time is over. So a test may have the timeouts of a
 real client, and its result does not depend on how busy the machine is.
 """
 

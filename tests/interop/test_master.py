@@ -15,7 +15,7 @@ import python_master  # noqa: E402
 
 
 def patient(group):
-    """The group with the longest time-outs there are: Python on a busy machine may stand still for longer than 50 ms."""
+    """The group with the longest timeouts there are: Python on a busy machine may stand still for longer than 50 ms."""
     longest = {"2041:2": 1000, "2041:3": 5000}
     for entry in group["robots"][0]["parameters"]:
         entry["value"] = longest.get(entry["object"], entry["value"])

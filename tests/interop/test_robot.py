@@ -316,7 +316,7 @@ class Lss(Robot):
         self.network.nmt.send_command(0x82)
         # Every bit that is set is one answer that does not come, so here it must not be waited for long; and an
         # answer that comes later than that reads as a bit that is set. How long is long enough depends on this
-        # machine: a scan that fails is done again with four times the time-out. One cannot succeed by mistake,
+        # machine: a scan that fails is done again with four times the timeout. One cannot succeed by mistake,
         # because the robot has to confirm its whole identity.
         for lss.RESPONSE_TIMEOUT in (0.1, 0.4, 1.6, 6.4):
             found, identity = lss.fast_scan()

@@ -41,14 +41,14 @@ class Drive(RosTest):
         writer = peer.writer("cmd_vel", STAMPED)
         with Repeated(writer, lambda: stamped(vy=0.3)):
             until("one metre to the left", lambda: watcher.place[1] >= 1.0)
-        # The publisher is silent now: after the time-out the group stands, and not far from there.
+        # The publisher is silent now: after the timeout the group stands, and not far from there.
         watcher.stands()
         x, y = watcher.place
         self.assertLess(y, 1.0 + 0.3 * 1.0)
         self.assertLess(abs(x), 0.02)
         # Commands again, with stamps that say nothing.
         with Repeated(writer, lambda: stamped(vx=0.3, at=0)):
-            until("motion after the time-out", lambda: watcher.place[0] > x + 0.2)
+            until("motion after the timeout", lambda: watcher.place[0] > x + 0.2)
             joints = watcher.newest["joints"]
             names = [f"robot_{robot}_{wheel}_wheel_joint" for robot in (2, 3) for wheel in WHEELS]
             self.assertEqual(list(joints.name), names)
@@ -141,7 +141,7 @@ class Refusals(RosTest):
         with Repeated(first, lambda: twist(vx=0.2)):
             until("motion", lambda: watcher.speed > 0.1)
             with Repeated(second, lambda: twist(vx=-0.2)):
-                watcher.says("cmd_vel", "drives; one publisher at a time")
+                watcher.says("cmd_vel", "drives already; only one publisher may drive at a time")
                 self.assertGreater(watcher.look().newest["odom"].twist.twist.linear.x, 0)
         watcher.stands()
         with Repeated(second, lambda: twist(vx=-0.2)):

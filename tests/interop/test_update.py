@@ -2,7 +2,7 @@
 
 The order of its requests is that of Zephyr's `west flash --runner canopen`: flash status and identification,
 PRE-OPERATIONAL, stop, clear, the download, start, the boot-up message, confirm. Between them it asks for the flash
-status, without a pause, until that is 0. Its time-outs are those of the simulated time (`lockstep.py`).
+status, without a pause, until that is 0. Its timeouts are those of the simulated time (`lockstep.py`).
 
 OMNIBUS_IMAGE is the image file; what the robot is sent lies beside it.
 """

@@ -84,7 +84,7 @@ class UpdateCommand(unittest.TestCase):
             [
                 ("nothing was changed", "AAA"),
                 ("all robots run the new image", "BBB"),
-                ("all robots run the image from before", "AAA"),
+                ("all robots run their previous image", "AAA"),
             ],
         )
         code, result, notes = self.update(IMAGE, "--node", 3)
@@ -103,7 +103,7 @@ class UpdateCommand(unittest.TestCase):
         code, result, notes = self.interrupted("node 3: erases its slot")
         self.assertEqual((code, result), (STOPPED, ""), notes)
         self.assertIn("stopped on request", notes)
-        self.assertNotIn("starts it", notes)
+        self.assertNotIn("starts the new image", notes)
         self.assertEqual(self.slots(), "AAA")
         code, result, notes = self.update(IMAGE, "--group", GROUP)
         self.assertEqual((code, result), (0, "all robots run the new image\n"), notes)

@@ -102,7 +102,7 @@ class Web(unittest.TestCase):
         tab.wait("$('inside').textContent.includes('pc 0')")
         tab.wait("$('inside').textContent.includes('TIM1 CH1')")
         self.assertTrue(tab.wait("$('inside-log').children.length"))
-        tab.run("[...$('faults').children].find((button) => button.textContent === 'Press the stop').click(); 0")
+        tab.run("[...$('faults').children].find((button) => button.textContent === 'Press the emergency stop').click(); 0")
         tab.wait("[...$('log').children].some((line) => line.className === 'error' && line.textContent.includes('EmergencyStop'))")
         tab.wait("state.phase === 'idle'")
 

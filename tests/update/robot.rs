@@ -14,7 +14,7 @@ pub const NODE: u8 = 2;
 const FRAME_NS: u64 = 130_000;
 /// Longest time from power or reset to the boot-up message, with a checksum of both images.
 const BOOT_UP_NS: u64 = 60 * MS;
-/// Time-outs of python-canopen and of Zephyr's client.
+/// Timeouts of python-canopen and of Zephyr's client.
 pub const SHORT_US: u64 = 300_000;
 pub const LONG_US: u64 = 1_000_000;
 

@@ -1,8 +1,8 @@
-//! What a vehicle is told once: whose it is, what it is like, and how often it reports.
+//! A vehicle's configuration: its identity, its dimensions and limits, and how often it reports.
 
 use crate::message::Identity;
 
-/// What a vehicle is told once.
+/// A vehicle's configuration.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Configuration {
     /// Whose messages these are.

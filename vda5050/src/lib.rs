@@ -7,9 +7,9 @@
 //!
 //! [`Vehicle`] is the state machine of chapter 6 of VDA 5050 2.0: it accepts an order or refuses it
 //! with the error that the standard names, keeps the node and edge states, and answers every
-//! instant action. It is told the time, the messages that arrived and what the vehicle does, and it
-//! returns [`Request`]s and [`Outgoing`] messages. It opens no connection and starts no thread, so
-//! every rule is tested without a broker and without a robot.
+//! instant action. It gets the time, the messages that arrived and the motion of the vehicle, and
+//! it returns [`Request`]s and [`Outgoing`] messages. It opens no connection and starts no thread,
+//! so every rule is tested without a broker and without a robot.
 //!
 //! [`leg`] turns an edge into poses on the map, a trajectory by [`nurbs`] included. [`message`] has
 //! the JSON of versions 2.0, 2.1 and 3.0; [`Version`] says what differs between them.

@@ -21,7 +21,7 @@ pub fn is_relocation(action: &Action) -> bool {
     )
 }
 
-/// Where a vehicle is told to be.
+/// The pose that an initPosition gives a vehicle.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Place {
     /// m, m, rad on the map.

@@ -165,7 +165,7 @@ fn connects(edge: &Edge, before: &Node, after: &Node, version: Version) -> Resul
             }
             Some(named) if named != is => {
                 return Err(malformed(format!(
-                    "{field}: edge {} names {named}, and the node there is {is}",
+                    "{field}: edge {} names {named}, but the node there is {is}",
                     edge.edge_id
                 )));
             }
@@ -246,7 +246,8 @@ fn check_edge(edge: &Edge, configuration: &Configuration) -> Result<(), Refusal>
     };
     if let Some(direction) = edge.direction.as_deref().filter(|text| !text.is_empty()) {
         let sentence = format!(
-            "edge {name}: direction {direction:?} is for vehicles on lines, and this one is free"
+            "edge {name}: direction {direction:?} is for line-guided vehicles, and this one moves \
+             freely"
         );
         return unusable("direction", sentence);
     }

@@ -12,12 +12,12 @@ const panes = (() => {
   const FRAME_LINES = 24;
   const LOG_LINES = 60;
   const FAULTS = [
-    ["Pull an encoder", "encoder-dead:wheel=front-left", "encoder-works:wheel=front-left"],
+    ["Unplug an encoder", "encoder-dead:wheel=front-left", "encoder-works:wheel=front-left"],
     ["Cut the bus", "bus-cut", "bus-cut=off"],
-    ["Press the stop", "emergency-stop", "emergency-stop=off"],
+    ["Press the emergency stop", "emergency-stop", "emergency-stop=off"],
     ["Driver reports a fault", "driver-fault", "driver-fault=off"],
     ["Switch it off and on", "power-cycle", null],
-    ["Drag at a wheel", "wheel-drag=20:wheel=front-left", "wheel-drag=0:wheel=front-left"],
+    ["Brake a wheel", "wheel-drag=20:wheel=front-left", "wheel-drag=0:wheel=front-left"],
   ];
 
   const select = (id, label, options, value, changed) => {
@@ -63,12 +63,12 @@ const panes = (() => {
     const says = make("p", { id: "world-says", className: "quiet" });
     says.setAttribute("role", "status");
     const book = make("p", { className: "quiet" }, "Everything here is simulated, in this page alone: nothing is sent anywhere. ",
-      make("a", { href: "docs/README.html", textContent: "The documents" }), " say the rest.",
+      make("a", { href: "docs/README.html", textContent: "The documents" }), " explain it.",
       location.protocol === "file:" ? " This page was opened as a file: all of it works where the browser starts workers from files." : "");
     document.querySelector("main").prepend(card("world-card", "World in this page", row, says, make("p", { id: "pace", className: "quiet numbers" }), book));
     find("phases").disabled = choice.floor !== "contact";
     document.querySelector("main").append(card("faults-card", "Faults", make("p", { className: "row wrap", id: "faults" })),
-      card("inside-card", "One robot from inside", make("p", { id: "inside-node", className: "row wrap" }), make("div", { id: "inside" }), make("ol", { id: "inside-log", className: "lines" })),
+      card("inside-card", "Inside one robot", make("p", { id: "inside-node", className: "row wrap" }), make("div", { id: "inside" }), make("ol", { id: "inside-log", className: "lines" })),
       card("frames-card", "CAN frames", check("look-frames", "show them as they pass", false, (value) => look({ frames: value })), make("ol", { id: "frames", className: "lines" })));
   }
 

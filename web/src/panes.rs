@@ -1,4 +1,4 @@
-//! What the page shows beside the group: the frames as they pass, and one robot from inside.
+//! The panes beside the group: the frames as they pass, and the inside of one robot.
 
 use std::collections::{BTreeMap, VecDeque};
 

@@ -1,4 +1,4 @@
-//! A world with its master, as a page plays with it.
+//! A world with its master, controlled by the page.
 //!
 //! Theory of operation: the session of the master runs over the world's bus in the same thread, one
 //! SYNC period a step ([`Flight::step`]). The page's messages go through the same

@@ -1,4 +1,4 @@
-//! A metre ahead, by the messages that a page would send, and everything about it.
+//! Drives a metre ahead by the messages that a page would send, and records all of it.
 //!
 //! The text that [`run`] returns has the true pose of the group, each robot's pose, wheel rates and
 //! duties every 50 ms, and the log of the bus. The same choice gives the same text on every

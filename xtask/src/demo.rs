@@ -37,8 +37,8 @@ pub struct Arguments {
     /// Arithmetic of the robots' kinematics; fixed point only in the emulator.
     #[arg(long, value_enum, default_value_t = Scalar::F32)]
     scalar: Scalar,
-    /// The floor: the one of the group file, or rollers with friction and random phases. On the
-    /// latter the curve is driven twice more, with roller phases configured.
+    /// Floor; by default that of the group file. Contact is rollers with friction and random
+    /// phases. On it the curve is driven twice more, with roller phases configured.
     #[arg(long, value_enum)]
     plant: Option<PlantName>,
     /// Drives only the first seconds of the curve.
@@ -56,7 +56,7 @@ pub struct Arguments {
 /// Floors to choose from.
 #[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 enum PlantName {
-    /// Rollers with friction, eight a wheel.
+    /// Rollers with friction, eight per wheel.
     Contact,
 }
 

@@ -370,7 +370,7 @@ fn check(board: Board, elf: &Path) -> anyhow::Result<()> {
 fn is_at(bytes: &[u8], name: &str, wanted: u64) -> anyhow::Result<()> {
     let file = object::File::parse(bytes).context("not an ELF file")?;
     let section = file.section_by_name(name).with_context(|| {
-        format!("no {name}: the linker script did not take part (build.rs, memory.x)")
+        format!("no {name}: the linker script was not used (build.rs, memory.x)")
     })?;
     let (address, size) = (section.address(), section.size());
     if address != wanted || size == 0 {

@@ -131,7 +131,7 @@ fn words_of(text: &str, words: usize) -> anyhow::Result<Vec<u32>> {
         .collect();
     match read {
         Ok(read) if read.len() == words => Ok(read),
-        _ => bail!("probe-rs printed something else than {words} words: {text:.80}"),
+        _ => bail!("probe-rs printed something other than {words} words: {text:.80}"),
     }
 }
 

@@ -48,17 +48,17 @@ enum Task {
         #[arg(last = true)]
         rest: Vec<String>,
     },
-    /// Counts how many intervals of 95 % of a calibration hold the truth, on robots whose floors,
-    /// loads and rollers its fits do not know.
+    /// Counts how many 95 % intervals of a calibration contain the true value, on robots whose
+    /// floors, loads and rollers the fits do not know.
     Coverage {
         /// Number of robots: four phases and five coefficients each.
         #[arg(long, default_value_t = 100, value_parser = clap::value_parser!(u32).range(10..))]
         robots: u32,
-        /// Has the robots in a multi-body simulation, `examples/mujoco_plant.py`, instead: a robot
+        /// Simulates the robots as multi-body systems (`examples/mujoco_plant.py`) instead; each
         /// takes two minutes.
         #[arg(long)]
         multi_body: bool,
-        /// Number of the first of those robots; others are drawn from other numbers.
+        /// Number of the first of those robots; other numbers draw other robots.
         #[arg(long, default_value_t = 1, requires = "multi_body")]
         first: u32,
     },

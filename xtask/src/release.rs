@@ -12,7 +12,7 @@ use crate::firmware::{self, Wheels};
 /// Options of `cargo xtask release`.
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// File to write; beside it FILE.slot-a and FILE.slot-b, what a robot is sent.
+    /// File to write. FILE.slot-a and FILE.slot-b, which robots are sent, are written beside it.
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
     /// File of the private key; its public half has to be the one that OMNIBUS_PUBLIC_KEY names.
@@ -28,7 +28,7 @@ pub struct Arguments {
     /// For robots with smart drives; implied by a board that has no other drivers.
     #[arg(long)]
     smart_drives: bool,
-    /// For robots with two PWMs a wheel.
+    /// For robots with two PWMs per wheel.
     #[arg(long, conflicts_with = "smart_drives")]
     two_pwms: bool,
 }
@@ -270,7 +270,7 @@ fn private_key(path: &Path) -> anyhow::Result<[u8; 32]> {
         .with_context(|| format!("cannot read the private key {}", path.display()))?;
     unhex(text.trim()).with_context(|| {
         format!(
-            "{} has not 64 hexadecimal digits; `cargo xtask keys` makes one",
+            "{} does not have 64 hexadecimal digits; `cargo xtask keys` makes one",
             path.display()
         )
     })

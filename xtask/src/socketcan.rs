@@ -10,7 +10,7 @@
 //! second serial port: the kernel's own slcan talks to the firmware. What this cannot show is the
 //! baud rate: the port is a 16550A at 115 200 baud, the fastest of the guest's, and a pseudo
 //! terminal has none; the firmware's end of the line is at 1 Mbaud. Both ends run on clocks of
-//! their own (the guest counts instructions), so nothing here is about time.
+//! their own (the guest counts instructions), so no timing is tested here.
 //!
 //! The kernel comes from Debian's archive by `apt-get download`, which needs no root rights, and is
 //! unpacked under `target/`.
@@ -125,7 +125,7 @@ impl Robot {
         let lines = BufReader::new(output.context("the simulator has no output")?).lines();
         let mut lines = lines.map_while(Result::ok);
         if !lines.any(|line| line.starts_with("serving")) {
-            bail!("the simulator does not serve the robot; what it said is above");
+            bail!("the simulator does not serve the robot; its output is above");
         }
         Ok(robot)
     }
@@ -355,13 +355,13 @@ fn boot(kernel: &Path, disk: &Path, cable: &Path) -> anyhow::Result<()> {
             Err(RecvTimeoutError::Timeout) => {
                 guest.kill()?;
                 guest.wait()?;
-                bail!("the guest was not done after {} s", PATIENCE.as_secs());
+                bail!("the guest did not finish within {} s", PATIENCE.as_secs());
             }
         }
     }
     guest.wait()?;
     if !passed {
-        bail!("the test in the guest failed; what it said is above");
+        bail!("the test in the guest failed; its output is above");
     }
     println!(
         "SocketCAN: passed in {:.0} s",

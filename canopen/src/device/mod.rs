@@ -112,7 +112,7 @@ impl Device {
         self.handle(now, frame, app);
     }
 
-    /// Does what is due: boot-up, heartbeats, time-outs, transmit PDOs by time.
+    /// Does what is due: boot-up, heartbeats, timeouts, transmit PDOs by time.
     pub fn poll<O: Application>(&mut self, now: Micros, app: &mut O) {
         self.poll_all(now, app);
     }

@@ -166,7 +166,7 @@ impl Gyro {
         }
         match reading {
             Reading::Missing => self.state = GyroState::Missing,
-            // Before the first sample the driver waits, or says that there is nobody.
+            // Before the first sample the driver waits, or reports a missing gyro.
             Reading::Waiting if self.equal == 0 => {}
             Reading::Waiting => {
                 self.silent += 1;

@@ -15,7 +15,7 @@
 //!
 //! A configuration is built with [`Quantity::new`]; results leave the tick with
 //! [`Quantity::to_f32`]. Both convert a float, which a core without a floating-point unit does in
-//! software, so neither belongs into a tick.
+//! software, so neither belongs in a tick.
 //!
 //! # Limits
 //!

@@ -341,7 +341,7 @@ mod tests {
         drives.on_frame(0x207, &report(0, 0, 30), Micros(49_000));
         let strange = Some(Fault::DriveIdentifier);
         assert_eq!(drives.fault(&WHEELS, Micros(49_000)), strange);
-        // A command of somebody else, and frames of other devices, are not feedback.
+        // A command of another sender, and frames of other devices, are not feedback.
         let mut drives = healthy(50);
         for id in [0x200, 0x1FF, 0x209, 0, 0x7FF] {
             drives.on_frame(id, &report(0, 0, 99), Micros(49_000));

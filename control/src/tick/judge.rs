@@ -1,4 +1,4 @@
-//! *Judge*: what is wrong. The first fault is kept until the bus side's next start.
+//! *Judge*: detects faults. The first fault is kept until the bus side's next start.
 
 use protocol::{Fault, Reaction};
 

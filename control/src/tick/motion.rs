@@ -1,4 +1,4 @@
-//! What moves: the state that exists once there is a configuration, and its four wheels.
+//! The state that exists only with a configuration, and its four wheels.
 
 use protocol::{Fault, Reaction};
 

@@ -1,7 +1,7 @@
 //! From decoded instructions to micro-operations.
 //!
-//! An instruction that may not be plain gives none: the program counter as an operand or a result,
-//! unusual forms, unpredictable encodings.
+//! An instruction that does more than these can express gives none: the program counter as an
+//! operand or a result, unusual forms, unpredictable encodings.
 
 use rsemu::cpu::arm::v7m::fpisa::{DataOp, FpInsn, UnaryOp};
 use rsemu::cpu::arm::v7m::isa::{

@@ -3,7 +3,7 @@
 //!
 //! What it cannot do: it divides no edges (ICxPSC), captures no other channel's pin, and nothing
 //! while the timer counts an encoder. Behind a filter an edge is captured with the counter as it
-//! was when the timer was last looked at.
+//! was when the timer was last updated.
 
 use super::{Timer, flag};
 

@@ -142,8 +142,8 @@ const ROLLER_TRANSITION: &[Field] = &[number(
     "loss_s_per_m",
     "s/m",
     to(0.0, 0.05),
-    "Share of its speed that a robot loses sideways because rollers meet the floor at rest, over \
-     that speed.",
+    "Share of its speed that a robot loses sideways because rollers meet the floor at rest, \
+     divided by that speed.",
 )
 .or(0.0)];
 

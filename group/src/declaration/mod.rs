@@ -192,8 +192,8 @@ impl Field {
         parts.iter().flat_map(|part| part.iter())
     }
 
-    /// The range of a number in the file's unit, with what the robot's object allows; `None` for
-    /// what is no number.
+    /// The range of a number in the file's unit, with what the robot's object allows; `None` for a
+    /// value that is not a number.
     #[must_use]
     pub fn range(&self) -> Option<Range> {
         let own = match self.kind {

@@ -78,8 +78,8 @@ pub(super) const ROBOT: &[Field] = &[
     field(
         "rollers",
         Kind::Table(&[ROLLERS]),
-        "The rollers of the wheels, where an index tells which one is on the floor. \
-         `compensation` is then without effect.",
+        "The rollers of the wheels, where an index tells which one is on the floor. `compensation` \
+         then has no effect.",
     )
     .otherwise("computed with ideal rollers"),
     field(
@@ -201,10 +201,11 @@ const MOTOR: &[Field] = &[
             "c610",
             "in-in-brake",
         ]),
-        "How a duty is put on a bridge's inputs; `docs/bring-up.md` says which one a driver wants. \
-         `in-in-slow` and `locked-antiphase` need `enable_wired`; `in-in-fast` and `in-in-brake` \
-         have two PWMs a wheel and need an image that is built for that. `c620` and `c610` are drives on a CAN bus of their own: they need an image that is built \
-         for them, and `largest_current`.",
+        "How a duty is put on a bridge's inputs; `docs/bring-up.md` says which kind a driver \
+         needs. `in-in-slow` and `locked-antiphase` need `enable_wired`; `in-in-fast` and \
+         `in-in-brake` have two PWMs per wheel and need an image that is built for that. `c620` \
+         and `c610` are drives on a CAN bus of their own: they need an image that is built for \
+         them, and `largest_current`.",
     )
     .otherwise("pwm-direction"),
     field(
@@ -288,7 +289,8 @@ const COMPENSATION: &[Field] = &[
     field(
         "table",
         Kind::Table(&[COMPENSATION_TABLE]),
-        "Coefficients over speed, up to eight rows an axis; an axis with rows ignores its constant.",
+        "Coefficients over speed, up to eight rows per axis; an axis with rows ignores its \
+         constant.",
     ),
 ];
 

@@ -52,7 +52,7 @@ impl Checker<'_> {
                 &own.largest_current,
                 &shared.largest_current,
             );
-            let problem = "has to be a current that these drives can give";
+            let problem = "must be a current that these drives can supply";
             let remedy = format!("give at most {drive_current} A, and no more than the motors may");
             field.refuse(key, own, shared, problem, &remedy);
         }

@@ -1,4 +1,4 @@
-//! What a bridge and its clients say to each other: one JSON object a line, `type` first.
+//! Messages between a bridge and its clients: one JSON object a line, `type` first.
 
 use group::GroupFile;
 use kinematics::Twist;
@@ -39,7 +39,9 @@ impl Request {
     /// With the reason when it is no request.
     pub fn parse(line: &[u8]) -> Result<Self, String> {
         if line.len() > LONGEST {
-            return Err(refuse(format_args!("a line of more than {LONGEST} bytes")));
+            return Err(refuse(format_args!(
+                "the line has more than {LONGEST} bytes"
+            )));
         }
         let (kind, mut fields) = Fields::read(line)?;
         let request = match kind.as_str() {

@@ -1,4 +1,4 @@
-//! `omnibus bridge`: other programs drive the group and see it, by lines of JSON.
+//! `omnibus bridge`: other programs drive and observe the group by JSON lines.
 //!
 //! A [`Bridge`] stands between a [`Pilot`] and any number of clients, each a pair of a reader and a
 //! writer: standard input and output, a TCP connection, a Unix socket. Each client gets the

@@ -1,4 +1,4 @@
-//! Where clients of a bridge come in: a TCP port of this machine, or a Unix socket.
+//! The endpoint for clients of a bridge: a TCP port of this machine, or a Unix socket.
 //!
 //! There is no token and no encryption: any client that can connect may drive. So TCP is served on
 //! this machine's own addresses only, and a Unix socket can be opened by this user only.

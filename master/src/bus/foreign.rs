@@ -1,4 +1,4 @@
-//! Other masters on the bus: what gives them away, and a look before the bus is taken.
+//! Other masters on the bus: how they are detected, and a check before the bus is taken.
 //!
 //! A bus has one master. It shows itself by SYNC and its heartbeat as long as it is connected, and
 //! by group twists and NMT commands while it drives. [`look`] listens for longer than any of their

@@ -1,4 +1,4 @@
-//! What frames are called.
+//! The names of frames.
 
 /// What a frame is, for people: `GroupTwist`, `MemberStatus 3`, `SDO request 2`.
 #[must_use]

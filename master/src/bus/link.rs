@@ -1,4 +1,4 @@
-//! The way to the bus: one trait, so that the master does not care what the frames travel over.
+//! The way to the bus: one trait, so that the master is the same on every kind of bus.
 //!
 //! A link has a clock of its own. On a simulated bus that clock is virtual and only moves while
 //! someone waits in [`Link::receive`]; on a real adapter it is the monotonic clock of this machine.

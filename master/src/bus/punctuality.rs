@@ -118,13 +118,14 @@ impl std::fmt::Display for Punctuality {
         if self.missed > 0 {
             write!(
                 f,
-                "; {} went without a setpoint: the machine was too busy",
+                "; {} went without a new setpoint, because this computer was late",
                 self.missed
             )?;
         }
         if !self.realtime && self.worst_us > NOTABLE_US {
             f.write_str(
-                "; without real-time priority (docs/operating.md, Busy computers: how to permit it)",
+                "; real-time priority would help (docs/operating.md, Busy computers: how to permit \
+                 it)",
             )?;
         }
         Ok(())
@@ -167,7 +168,7 @@ mod tests {
             lateness
                 .read()
                 .to_string()
-                .contains("2 went without a setpoint")
+                .contains("2 went without a new setpoint")
         );
     }
 }

@@ -43,7 +43,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let interval = match arguments.rate {
         None => 0.0,
         Some(rate) if rate > 0.0 && rate <= 1000.0 => 1.0 / rate,
-        Some(rate) => usage!("--rate: {rate} Hz is not above 0 and at most 1000 Hz"),
+        Some(rate) => usage!("--rate: {rate} Hz; give more than 0 and at most 1000 Hz"),
     };
     let listener = match &arguments.listen {
         Some(address) => Some(Listener::bind(address).with_context(|| {
@@ -97,8 +97,12 @@ fn live(
     group: &group::GroupFile,
 ) -> anyhow::Result<std::net::SocketAddr> {
     use std::net::ToSocketAddrs as _;
-    let context =
-        || format!("--foxglove {address}: give an ADDRESS:PORT of this computer that is free");
+    let context = || {
+        format!(
+            "--foxglove {address}: cannot listen at this address; give a free ADDRESS:PORT \
+                    of this computer"
+        )
+    };
     let mut addresses = address.to_socket_addrs().with_context(context)?;
     let address = addresses.next().with_context(context)?;
     omnibus::bridge::live::serve(address, hub, group).with_context(context)

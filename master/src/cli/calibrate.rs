@@ -1,4 +1,4 @@
-//! `omnibus calibrate`: finds what robots have to be told about themselves.
+//! `omnibus calibrate`: measures the constants that robots need about themselves and their floor.
 
 use omnibus::run::DriveError;
 use omnibus::source::pose::PoseStream;

@@ -1,4 +1,4 @@
-//! Objects of the communication (CiA 301, 0x1000 to 0x1FFF), which `protocol::OBJECTS` has not: the
+//! Communication objects (CiA 301, 0x1000 to 0x1FFF), which `protocol::OBJECTS` does not have: the
 //! CANopen device of a robot answers for them. They are only read here; their names are those of
 //! the data sheet.
 
@@ -27,7 +27,7 @@ pub fn find(text: &str) -> Option<Address> {
 pub fn name(at: Address) -> anyhow::Result<String> {
     let mut name = String::new();
     if canopen::eds::name(&mut name, at.index, at.sub).is_err() {
-        bail!("there is no object {at}; docs/omnibus.eds lists those of the communication");
+        bail!("there is no object {at}; docs/omnibus.eds lists the communication objects");
     }
     Ok(name)
 }

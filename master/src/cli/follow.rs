@@ -61,7 +61,7 @@ pub(super) fn place(text: &str) -> Result<Pose<f64>, String> {
         .collect();
     match numbers.as_deref() {
         Ok(&[x, y, ..]) if x.abs().max(y.abs()) > FARTHEST => Err(format!(
-            "{text} is farther than {FARTHEST} m from zero; choose a frame whose zero is nearer"
+            "{text} is farther than {FARTHEST} m from zero; choose a frame with a nearer origin"
         )),
         Ok(&[x, y]) => Ok(Pose::new(x, y, 0.0)),
         Ok(&[x, y, degrees]) => Ok(Pose::new(x, y, degrees.to_radians())),
@@ -142,8 +142,8 @@ pub struct Arguments {
     /// Also drives without feedback first, for comparison; a simulated bus always does.
     #[arg(long, requires = "pose")]
     compare: bool,
-    /// Begins with the mean of the rollers where a wheel has not seen its index, instead of driving
-    /// a turn of the wheels ahead and back first. The index is found on the way.
+    /// Begins with mean roller angles where a wheel has not passed its index, instead of first
+    /// driving one turn of the wheels ahead and back. The index is found on the way.
     #[arg(long)]
     no_seek: bool,
     /// Drives only the first seconds of the curve.
@@ -307,7 +307,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 /// Says what happens before the curve, and how much room it needs.
 fn announce(search: &IndexSearch) {
     print_note(search);
-    print_note("(--no-seek leaves this out: the robots begin with the mean of their rollers.)");
+    print_note("(--no-seek skips this: the robots then begin with mean roller angles.)");
 }
 
 /// Four decimals.

@@ -48,7 +48,7 @@ const ROS_EXAMPLES: &str = "Examples:
   omnibus group nav2 groups/tcc-2.toml > nav2_params.yaml
   omnibus group localization groups/tcc-2.toml > ekf.yaml
 
-docs/ros.md says how they are used.";
+docs/ros.md explains how to use them.";
 
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
@@ -82,7 +82,7 @@ enum Command {
     /// Prints the JSON Schema of group files, for editors.
     #[command(after_help = SCHEMA_EXAMPLES)]
     Schema,
-    /// Prints the group as a robot's model (URDF), for ROS.
+    /// Prints a robot model (URDF) of the group, for ROS.
     #[command(after_help = ROS_EXAMPLES)]
     Urdf {
         /// The file.
@@ -109,7 +109,7 @@ enum Command {
 struct RosFile {
     /// The file.
     file: PathBuf,
-    /// Prefix of the frames odom and base_link, as that of `omnibus ros`.
+    /// Prefix of the frames odom and base_link, as for `omnibus ros`.
     #[arg(long, value_name = "PREFIX", default_value = "", value_parser = ros::names::frame_prefix)]
     frame_prefix: String,
 }
@@ -262,7 +262,7 @@ fn apply(target: &Target, save: bool) -> anyhow::Result<()> {
         ))?;
     }
     if !save {
-        print_note("until power-off; --save keeps them in the robots");
+        print_note("the robots lose these values at power-off; --save keeps them");
     }
     Ok(())
 }

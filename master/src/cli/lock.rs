@@ -19,9 +19,9 @@ const LOCK_EXAMPLES: &str = "Examples:
   omnibus lock --bus socketcan:can0                              # locks robots that have a key
   omnibus lock --remove-key --bus socketcan:can0                 # robots must be unlocked
 
-A locked robot refuses parameters, node ids and updates; it drives and stops as before. The key is sent over the bus
-unencrypted when it is set: connect nothing else to the bus then. After the loss of a key only a debug probe helps
-(docs/security.md).";
+A locked robot refuses new parameters, node ids and updates; it drives and stops as before.
+--set-key sends the key over the bus unencrypted, so connect nothing else to the bus then. If the key is
+lost, only a debug probe helps (docs/security.md).";
 
 const UNLOCK_EXAMPLES: &str = "Examples:
   omnibus unlock --key lock.key --bus socketcan:can0
@@ -41,7 +41,7 @@ pub struct Lock {
     /// Removes the key from the robots, which must be unlocked.
     #[arg(long)]
     remove_key: bool,
-    /// This robot only.
+    /// Node of the robot; by default all robots on the bus.
     #[arg(long)]
     node: Option<u8>,
     #[command(flatten)]
@@ -54,7 +54,7 @@ pub struct Unlock {
     /// File with the key, - for standard input.
     #[arg(long, value_name = "FILE")]
     key: PathBuf,
-    /// This robot only.
+    /// Node of the robot; by default all robots on the bus.
     #[arg(long)]
     node: Option<u8>,
     #[command(flatten)]
@@ -67,7 +67,7 @@ type BusWire = Wire<Box<dyn Link>>;
 pub fn run(arguments: &Lock) -> anyhow::Result<()> {
     let file = arguments.set_key.as_deref();
     if arguments.new && file == Some(Path::new("-")) {
-        usage!("--new makes a file; give --set-key its name, not -");
+        usage!("--new creates a file; give --set-key its name instead of -");
     }
     // Bad input is refused before anything else.
     let known = file.filter(|_| !arguments.new).map(read).transpose()?;
@@ -81,10 +81,10 @@ pub fn run(arguments: &Lock) -> anyhow::Result<()> {
         let changes = file.is_some() || arguments.remove_key;
         match state {
             LockState::Locked if changes => usage!(
-                "node {node} is locked, and has its key already; `omnibus unlock --key FILE` first"
+                "node {node} is locked and has a key already; run `omnibus unlock --key FILE` first"
             ),
             LockState::NoKey if !changes => {
-                usage!("node {node} has no key; `omnibus lock --set-key FILE` gives it one")
+                usage!("node {node} has no key; `omnibus lock --set-key FILE` sets one")
             }
             _ => {}
         }
@@ -181,7 +181,7 @@ fn new_key(path: &Path) -> anyhow::Result<Key> {
     file.write_all(&key)
         .with_context(|| format!("cannot write {}", path.display()))?;
     print_note(format_args!(
-        "Keep a copy of {}: without it a locked robot takes a debug probe.",
+        "Keep a copy of {}: without it only a debug probe unlocks the robots.",
         path.display()
     ));
     Ok(key)

@@ -44,7 +44,7 @@ pub enum Command {
         /// Stores the node id in the robot's flash.
         #[arg(long)]
         store: bool,
-        /// Resets the robot's communication afterwards, so that the new id counts.
+        /// Resets the robot's communication afterwards, so that the new id takes effect.
         #[arg(long)]
         reset: bool,
         #[command(flatten)]

@@ -75,8 +75,8 @@ const BOOTED: Micros = Micros(100_000);
 #[derive(clap::Args)]
 pub struct Target {
     /// auto (the adapter or robot that is plugged in), sim:GROUP.toml, socketcan:INTERFACE,
-    /// slcan:DEVICE, slcan-tcp://HOST:PORT or socketcand://HOST:PORT/INTERFACE;
-    /// lockstep://HOST:PORT is omnibus-sim's.
+    /// slcan:DEVICE, slcan-tcp://HOST:PORT or socketcand://HOST:PORT/INTERFACE; omnibus-sim serves
+    /// lockstep://HOST:PORT.
     #[arg(
         long,
         help_heading = "Bus",
@@ -115,7 +115,7 @@ impl Target {
         let path = match (&self.bus, &self.group) {
             (BusAddress::Sim(path), None) => path,
             (BusAddress::Sim(own), Some(path)) if !is_same(own, path) => usage!(
-                "--group {}: a simulated bus has the group file that it names, {}",
+                "--group {}: a simulated bus uses the group file in its address, {}",
                 path.display(),
                 own.display()
             ),
@@ -270,11 +270,14 @@ fn is_same(a: &Path, b: &Path) -> bool {
     a == b || matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
 }
 
+/// The largest number of an option: no message has to print a longer one.
+const LARGEST: f64 = 1e6;
+
 /// A number of an option: not "nan", which passes every comparison it should fail, and not "inf".
 pub fn real<T: std::str::FromStr + Copy + Into<f64>>(text: &str) -> Result<T, String> {
     match text.parse::<T>() {
-        Ok(number) if number.into().is_finite() => Ok(number),
-        // A number as written, and infinity to the type.
+        Ok(number) if number.into().abs() <= LARGEST => Ok(number),
+        // Perhaps infinity to the type, but a number as written.
         Ok(_) if text.contains(|letter: char| letter.is_ascii_digit()) => {
             Err(format!("`{text}` is too large a number"))
         }

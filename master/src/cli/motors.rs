@@ -1,4 +1,4 @@
-//! `omnibus identify-motors`: lets one robot find out what its motors need, and shows it.
+//! `omnibus identify-motors`: lets one robot measure its motors, and shows the result.
 
 use anyhow::bail;
 use omnibus::commission::motors::{self, Settings, WHEELS};

@@ -1,5 +1,5 @@
-//! `omnibus scan` and `omnibus status`: who is on the bus, and how they are. Both only read;
-//! neither claims to be the master, so a running group is not disturbed.
+//! `omnibus scan` and `omnibus status`: which robots are on the bus, and their state. Both only
+//! read; neither claims to be the master, so a running group is not disturbed.
 
 use canopen::NmtState;
 use omnibus::bus::wire::Wire;
@@ -247,8 +247,8 @@ impl CableLosses {
         } = self;
         (to_cable + to_bus + damaged > 0).then(|| {
             format!(
-                "since its start {to_cable} lines found no room on its cable, {to_bus} frames of \
-                 the cable did not leave for the bus, and the cable was damaged {damaged} times"
+                "since its start it dropped {to_cable} lines to its cable and {to_bus} frames from \
+                 the cable to the bus, and could not read its cable {damaged} times"
             )
         })
     }

@@ -1,5 +1,5 @@
-//! How commands speak: text for people, JSON for scripts, little or nothing on request, and exit
-//! codes.
+//! The output of commands: text for people, JSON for scripts, little or nothing on request, and
+//! exit codes.
 //!
 //! What a command has to say goes to the standard output, everything about how it gets on to the
 //! standard error. `--json` replaces the text by one JSON document, and errors and notes by one

@@ -53,7 +53,7 @@ enum Command {
     /// Lists the objects of a robot: address, type, unit, limits, meaning. Needs no bus.
     #[command(after_help = "Example:\n  omnibus param list wheel")]
     List {
-        /// Only objects whose name, address or meaning contains this.
+        /// Lists only objects whose name, address or meaning contains this text.
         filter: Option<String>,
     },
     /// Reads one object of one robot.
@@ -61,8 +61,8 @@ enum Command {
         after_help = "Examples:\n  omnibus param get 2010:3 --node 3 --bus socketcan:can0\n  omnibus param get 'wheel radius' --node 3 --bus socketcan:can0\n  omnibus param get 1017 --node 3 --bus socketcan:can0"
     )]
     Get {
-        /// Address such as 2010:3, or name such as 'wheel radius'. Objects of the communication,
-        /// such as 1017, by their address.
+        /// Address such as 2010:3, or name such as 'wheel radius'. Communication objects, such as
+        /// 1017, have only an address.
         object: String,
         #[command(flatten)]
         at: At,

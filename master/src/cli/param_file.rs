@@ -113,7 +113,7 @@ fn parse_text(text: &str) -> anyhow::Result<Parameters> {
     })?;
     if file.wire_version != protocol::WIRE_VERSION {
         bail!(
-            "wire_version: the file is of version {}, this release of {}; dump the robot again",
+            "wire_version: the file has version {}, this release has {}; dump the robot again",
             file.wire_version,
             protocol::WIRE_VERSION
         );

@@ -15,7 +15,7 @@ pub fn find(text: &str) -> anyhow::Result<&'static Object> {
     match named[..] {
         [only] => return Ok(only),
         [first, ..] => bail!(
-            "there are {} objects called '{text}', the first is {}; give the address",
+            "{} objects are called '{text}', the first of them {}; give an address",
             named.len(),
             first.address
         ),
@@ -42,7 +42,7 @@ pub fn find(text: &str) -> anyhow::Result<&'static Object> {
             .collect();
         if communication::find(text).is_some() {
             bail!(
-                "{at} ({}) belongs to the communication: `omnibus param get` reads it, and a general \
+                "{at} ({}) is a communication object: `omnibus param get` reads it, and a general \
                  CANopen tool writes it (docs/omnibus.eds)",
                 communication::name(at)?
             );
@@ -82,7 +82,7 @@ pub fn parse(object: &Object, text: &str) -> anyhow::Result<Value> {
             Kind::F32 => "number",
             _ => "whole number of this size",
         };
-        bail!("{name}: '{text}' is no {kind}; give {range}");
+        bail!("{name}: '{text}' is not a {kind}; give {range}");
     };
     value
         .check(object.min, object.max)

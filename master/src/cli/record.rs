@@ -1,4 +1,4 @@
-//! `omnibus record FILE.mcap`: listens to a bus and writes down everything that is said on it.
+//! `omnibus record FILE.mcap`: listens to a bus and records every frame.
 //!
 //! It sends nothing and claims nothing, so it can run beside any master.
 

@@ -114,12 +114,12 @@ fn observe(link: &mut impl Link) -> anyhow::Result<Traffic> {
 
 fn refuse_if_live(traffic: &Traffic, bus: &BusAddress) -> anyhow::Result<()> {
     if traffic.master {
-        bail!("{bus}: another master is on the bus; end it first, or give --force");
+        bail!("{bus}: another master is on the bus; stop it first, or give --force");
     }
     if let [first, ..] = traffic.armed[..] {
         bail!(
-            "{bus}: node {first} is started (OPERATIONAL) without a master; stop it with \
-             `omnibus status` and an NMT stop first, or give --force"
+            "{bus}: node {first} is started (OPERATIONAL) without a master; reset it first \
+             (`omnibus reset --node {first}`), or give --force"
         );
     }
     Ok(())

@@ -15,7 +15,7 @@ const EXAMPLES: &str = "Examples:
   omnibus reset --node 3 --bus socketcan:can0
   omnibus reset --all --bus socketcan:can0
 
-What was set and not saved is gone afterwards. A robot that moves ramps down with its group first.";
+Values that were not saved are lost. A robot that moves ramps down with its group first.";
 
 /// How long a robot may take to boot, in us.
 const BOOT_US: u64 = 5_000_000;

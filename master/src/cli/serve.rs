@@ -39,7 +39,7 @@ pub struct Arguments {
     /// times.
     #[arg(long, value_name = "HOST")]
     name: Vec<String>,
-    /// Only shows the group: never sends anything to the bus.
+    /// Only shows the group and never sends anything to the bus.
     #[arg(long)]
     watch: bool,
 }
@@ -79,7 +79,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let group = target.group()?;
     if target.elf()?.is_some() {
         usage!(
-            "--backend {}: the page drives native robots or real ones",
+            "--backend {}: the page does not drive emulated robots; give native",
             target.backend
         );
     }

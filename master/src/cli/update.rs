@@ -30,13 +30,13 @@ pub struct Arguments {
     /// The image file.
     #[arg(required_unless_present = "rollback", conflicts_with = "rollback")]
     file: Option<PathBuf>,
-    /// This robot only; the others of its group must not be left with another wire version.
+    /// Updates only this robot; the image must have the wire version of the other robots.
     #[arg(long)]
     node: Option<u8>,
-    /// Only says what would be done.
+    /// Shows what would be done and changes nothing.
     #[arg(long)]
     dry_run: bool,
-    /// Robots go back to the image that they had before.
+    /// Returns the robots to their previous image.
     #[arg(long)]
     rollback: bool,
     #[command(flatten)]
@@ -90,7 +90,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     let what = match &image {
         Some(_) => "all robots run the new image",
-        None => "all robots run the image from before",
+        None => "all robots run their previous image",
     };
     finish(&robots, image.as_ref(), what)
 }
@@ -118,7 +118,7 @@ fn check_mixture(arguments: &Arguments, image: &Image, robots: usize) -> anyhow:
     }
     if !same {
         print_note(format!(
-            "The image has wire version {}; this program speaks {} and has to be replaced, too.",
+            "The image has wire version {}; this program speaks {} and must be updated, too.",
             image.header.wire_version,
             protocol::WIRE_VERSION
         ));
@@ -182,9 +182,9 @@ impl Progress {
                 if let Some(bar) = self.bar.take() {
                     bar.finish();
                 }
-                self.line(format!("node {node}: has the image, and it is whole"));
+                self.line(format!("node {node}: has received the whole image"));
             }
-            Step::Starts(node) => self.line(format!("node {node}: starts it")),
+            Step::Starts(node) => self.line(format!("node {node}: starts the new image")),
             Step::Confirmed(node) => self.line(format!("node {node}: confirmed")),
             Step::GoesBack(node) => self.line(format!("node {node}: goes back")),
         }

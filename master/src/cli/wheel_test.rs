@@ -1,4 +1,4 @@
-//! `omnibus wheel-test` and `omnibus blink`: is every wire where it belongs, and which robot is
+//! `omnibus wheel-test` and `omnibus blink`: whether every wire is in its place, and which robot is
 //! this.
 
 use std::cell::Cell;
@@ -129,8 +129,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         )?;
         if robot.output.kind.drive_current().is_some() {
             print_line(
-                "The same holds for smart drives whose identifiers are each other's: a drive \
-                 reports what it turns itself.",
+                "Swapped identifiers of smart drives do not show either: a drive reports the wheel \
+                 that it turns itself.",
             )?;
         }
     }

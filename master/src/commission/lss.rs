@@ -247,7 +247,12 @@ fn assign_selected<L: Link>(
                 "the robot refuses that node id; a locked one takes none before `omnibus unlock`",
             ));
         }
-        None => return Err(problem("the robot was selected and then did not answer")),
+        None => {
+            return Err(problem(
+                "the robot was selected and then did not answer; check its \
+                                    power and try again",
+            ));
+        }
     }
     if store {
         let stored = talk(wire, &[lss_store()], STORE_US, |answer| match answer {
@@ -259,10 +264,16 @@ fn assign_selected<L: Link>(
             Some(1) => return Err(problem("the robot has no storage for a node id")),
             Some(_) => {
                 return Err(problem(
-                    "the robot could not store its node id; it must stand, not OPERATIONAL",
+                    "the robot could not store its node id; stop it (PRE-OPERATIONAL), then try \
+                     again",
                 ));
             }
-            None => return Err(problem("the robot did not say that it stored its node id")),
+            None => {
+                return Err(problem(
+                    "the robot did not confirm that it stored its node id; try \
+                                        again",
+                ));
+            }
         }
     }
     let now = talk(wire, &[lss_inquire_node()], ANSWER_US, |a| match a {
@@ -270,6 +281,10 @@ fn assign_selected<L: Link>(
         _ => None,
     })?;
     // It answers with the id in force, which changes at the reset.
-    now.map(|_| ())
-        .ok_or_else(|| problem("the robot took its node id and then did not answer"))
+    now.map(|_| ()).ok_or_else(|| {
+        problem(
+            "the robot accepted its node id and then did not answer; `omnibus \
+                                lss scan` shows its id",
+        )
+    })
 }

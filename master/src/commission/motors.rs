@@ -200,7 +200,7 @@ pub fn accept<L: Link>(
 fn reason(status: u32, wheel: u32) -> String {
     let why = match status {
         STOPPED => "stopped by the master",
-        FAULTED => "a fault occurred; its code is in the member's status and history",
+        FAULTED => "a fault occurred; `omnibus status --history` shows it",
         5 => "its time limit of 20 s expired",
         6 => {
             "a wheel exceeded the permitted rate by half; lower the rate, look for a slipping gear"
@@ -217,8 +217,8 @@ fn reason(status: u32, wheel: u32) -> String {
         10 => {
             "a wheel did not behave like a motor; look for slip, a loose coupling, a sagging supply"
         }
-        0 => "it did not begin",
-        _ => "for a reason this master does not know",
+        0 => "the robot did not begin",
+        _ => "the robot gives a reason that this release does not know",
     };
     let wheel = usize::try_from(wheel).ok().and_then(|n| WHEELS.get(n));
     match wheel {

@@ -1,4 +1,4 @@
-//! Who is on a bus: every robot that answers, what it says about itself, and what contradicts what.
+//! Surveys a bus: every robot that answers, its identity, and contradictions between them.
 //!
 //! A survey only reads and does not claim to be the master, so a running group is not disturbed.
 //!
@@ -41,7 +41,7 @@ pub struct Found {
     pub serial: u32,
     /// Firmware version: major, minor, patch in the upper three bytes.
     pub firmware: u32,
-    /// What it is doing; `None` when it gave no number that this release knows.
+    /// What it is doing; `None` when this release does not know the number.
     pub state: Option<MemberState>,
     /// Its limit or fault, as sent.
     pub code: u16,

@@ -1,4 +1,4 @@
-//! A new image for robots, over the bus: all of them start it, or all of them stay with what they
+//! A new image for robots, over the bus: either all of them start it, or all of them keep what they
 //! have.
 //!
 //! # Theory of operation
@@ -61,7 +61,7 @@ impl Image {
         let whole = header.offset(Slot::B) + header.b.length as usize;
         if bytes.len() != whole {
             return Err(format!(
-                "the file has {} bytes, its header says {whole}; copy it again",
+                "the file has {} bytes, but its header says {whole}; copy it again",
                 bytes.len()
             ));
         }
@@ -436,7 +436,7 @@ fn await_idle<L: Link>(wire: &mut Wire<L>, node: u8) -> Result<(), MasterError> 
     wire.patience_us = before;
     match status? {
         0 => Ok(()),
-        status if status & 1 != 0 => Err(refused(node, "it stays busy; reset it and try again")),
+        status if status & 1 != 0 => Err(refused(node, "it is still busy; reset it and try again")),
         _ => {
             let problem = read(wire, node, at::UPDATE_PROBLEM, Kind::U8)?;
             Err(refused(node, reason(problem)))
@@ -519,7 +519,7 @@ fn reason(problem: u32) -> &'static str {
     ];
     let known = PROBLEMS.iter().find(|(known, _)| *known as u32 == problem);
     known.map_or(
-        "it does not say why; reset it and try again",
+        "it gives no reason; reset it and try again",
         |(_, reason)| reason,
     )
 }

@@ -1,4 +1,4 @@
-//! Whether every motor turns its own wheel the right way and its encoder says so.
+//! Tests whether every motor turns its own wheel in the right direction and its encoder counts it.
 //!
 //! One wheel at a time gets some voltage, and all four encoders are watched. That finds motors and
 //! encoders that are silent, reversed, or in each other's places. It cannot tell a reversed motor
@@ -51,7 +51,7 @@ pub struct Finding {
 pub type Look<'a> = &'a mut dyn FnMut(usize) -> Result<Option<Observed>, MasterError>;
 
 /// Tests the wheels of one robot, configured and in PRE-OPERATIONAL with its wheels off the floor.
-/// `look` is asked after each wheel what was seen; `None` when no person looks. `watch` is told how
+/// `look` returns what was seen after each wheel; `None` when no person looks. `watch` is told how
 /// long each wheel takes.
 ///
 /// # Errors
@@ -157,15 +157,15 @@ fn other_drivers(wheel: usize, turned: &Turned, stage: u32, reversed: &Reversed)
     let look = "docs/bring-up.md, Motor drivers, has the value for each driver";
     if turned.all() {
         return Some(format!(
-            "all wheels turn as soon as the drivers are on: the robot was told {kind}, and its \
-             drivers are of another kind; {look}"
+            "all wheels turn as soon as the drivers are on: the robot is configured for {kind}, \
+             but its drivers are of another kind; {look}"
         ));
     }
     let way = turned.ways.get(wheel).copied().unwrap_or(0.0);
     (stage != 0 && way < -TURNED).then(|| {
         format!(
-            "it counts backwards: the robot was told {kind}; if its drivers are of another kind, \
-             {look}; if not, {}, or {}",
+            "it counts backwards: the robot is configured for {kind}; if its drivers are of \
+             another kind, {look}; if not, {}, or {}",
             reversed.encoder(wheel),
             reversed.motor(wheel)
         )
@@ -292,7 +292,7 @@ fn judge(
                 )),
                 (false, false) => Some(format!("it turns backwards: {}", reversed.motor(wheel))),
                 (true, false) => Some(format!(
-                    "it turns backwards and its encoder, too: {}; and {}",
+                    "it turns backwards, and its encoder counts backwards: {}; and {}",
                     reversed.motor(wheel),
                     reversed.encoder(wheel)
                 )),

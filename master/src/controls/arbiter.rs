@@ -3,19 +3,19 @@
 //! One client drives at a time, whichever way it comes: a page that has shown the token, a key of
 //! the keyboard, or a program that sends velocities. A page holds a *press*: it lasts as long as
 //! [`Arbiter::press`] is called, each time less than [`STALE_MS`] after the time before, each
-//! naming a state of the group that is younger than [`OLD_MS`] (so that messages which lay in a
-//! queue do nothing). A press that has ended, for whatever reason, never comes back: the page has
-//! to release and press again, which has a higher number. A refused press ends the press, too. A
-//! press may ask for a curve instead of a velocity ([`Arbiter::press_curve`]): it follows the same
-//! rules, and the whole curve is checked against the group's limits before its first setpoint. The
-//! velocities of a *stream* each say themselves how long they are good for ([`Arbiter::stream`]).
+//! naming a state of the group that is younger than [`OLD_MS`] (so that messages which waited in a
+//! queue do nothing). A press that has ended, for whatever reason, stays ended: the page has to
+//! release and press again, with a higher number. A refused press ends the press, too. A press may
+//! ask for a curve instead of a velocity ([`Arbiter::press_curve`]): it follows the same rules, and
+//! the whole curve is checked against the group's limits before its first setpoint. Each velocity
+//! of a *stream* carries its own duration ([`Arbiter::stream`]).
 //!
 //! A driver keeps the controls until it leaves. Where several sources share one connection, such as
 //! publishers of a topic, another one takes over when the driver has been silent for as long as its
 //! last velocity was good for ([`Arbiter::succeed`]); the caller gets the name of the displaced one
 //! and tells it.
 //!
-//! Times are the caller's, in ms; nothing here asks a clock.
+//! The caller passes the time, in ms; nothing here reads a clock.
 
 use std::ops::RangeInclusive;
 use std::sync::Arc;
@@ -266,13 +266,14 @@ impl Arbiter {
         let (fastest, turning) = (self.limits.linear_speed, self.limits.yaw_rate);
         if speed.is_nan() || speed > fastest * (1.0 + ROUNDING) {
             return Err(format!(
-                "vx and vy ask for {speed} m/s, and limits.linear_speed of the group is {fastest} m/s"
+                "vx and vy ask for {speed} m/s, but limits.linear_speed of the group is {fastest} \
+                 m/s"
             ));
         }
         if twist.omega.is_nan() || twist.omega.abs() > turning * (1.0 + ROUNDING) {
             let omega = twist.omega;
             return Err(format!(
-                "omega is {omega} rad/s, and limits.yaw_rate of the group is {turning} rad/s"
+                "omega is {omega} rad/s, but limits.yaw_rate of the group is {turning} rad/s"
             ));
         }
         Ok(())

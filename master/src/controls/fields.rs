@@ -25,7 +25,7 @@ impl Fields {
         };
         match fields.remove("type") {
             Some(Value::String(kind)) => Ok((kind, Self(fields))),
-            Some(other) => Err(refuse(format!("type: {other} is not a text"))),
+            Some(other) => Err(refuse(format!("type: {other} is not a string"))),
             None => Err(refuse("the field `type` is missing")),
         }
     }
@@ -66,7 +66,7 @@ impl Fields {
     pub fn text(&mut self, name: &str) -> Result<String, String> {
         match self.take(name)? {
             Value::String(text) => Ok(text),
-            other => Err(refuse(format!("{name}: {other} is not a text"))),
+            other => Err(refuse(format!("{name}: {other} is not a string"))),
         }
     }
 

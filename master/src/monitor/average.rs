@@ -1,4 +1,4 @@
-//! What several robots say about one body, as one: means, and how far they disagree.
+//! Averages over what several robots report about one body, and their disagreement.
 
 use kinematics::{Pose, Twist};
 

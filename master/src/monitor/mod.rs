@@ -1,4 +1,4 @@
-//! What is heard of a group and what is worked out from it; nothing here sends a frame.
+//! Observes a group and evaluates what it observes; nothing here sends a frame.
 //!
 //! [`listener`] makes a snapshot of the frames of a bus that another master drives. A session fills
 //! [`rows`], one a SYNC period, and publishes [`telemetry`]; `common_frame` brings the members'

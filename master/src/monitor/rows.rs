@@ -1,4 +1,4 @@
-//! What came back: everything the master heard on the bus during a run, one row per SYNC.
+//! Everything that the master received during a run, one row per SYNC.
 //!
 //! The recorder is fed by the session with decoded frames and closed once per SYNC period. It
 //! holds plain numbers in SI units and the group frame (REP-103); it grows by one row per member

@@ -1,5 +1,5 @@
-//! What is to be driven, as a user says it: a curve of the paper or a file, how often, how fast,
-//! facing where.
+//! A drive as the user requests it: a curve of the paper or a file, how often, how fast, facing
+//! where.
 //!
 //! A [`Course`] becomes a [`Plan`] in this order: the path; repeated; stretched in time; given its
 //! heading; ramped at both ends. So ramps are of the whole drive, and a repeated curve is passed in
@@ -103,6 +103,7 @@ impl Course {
             ("--ramp", self.ramp, 0.1, 60.0),
             ("--scale", self.scale, 0.01, 100.0),
             ("--speed", self.speed, 0.01, 10.0),
+            ("--heading", self.heading.to_degrees(), -3600.0, 3600.0),
             ("--repeats", f64::from(self.repeats), 1.0, 1000.0),
         ] {
             if !(low..=high).contains(&value) {
@@ -478,5 +479,18 @@ mod tests {
             ..course(Curve::Circle)
         };
         assert!(wrong.plan().err().unwrap().to_string().contains("--speed"));
+        // Beyond 8192 rad a sine is no number.
+        let wrong = Course {
+            heading: 1e4,
+            ..course(Curve::Circle)
+        };
+        assert!(
+            wrong
+                .plan()
+                .err()
+                .unwrap()
+                .to_string()
+                .contains("--heading")
+        );
     }
 }

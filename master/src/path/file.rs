@@ -154,7 +154,8 @@ fn parse(text: &str) -> Result<Spline, (usize, String)> {
             let value = value.ok_or_else(|| (at, format!("{name}: '{field}' is not a number")))?;
             if ["x", "y"].contains(name) && value.abs() > FARTHEST {
                 let problem = format!(
-                    "{name}: {value} m is farther than {FARTHEST} m from zero; move the path's zero"
+                    "{name}: {value} m is farther than {FARTHEST} m from zero; move the path \
+                     nearer to its origin"
                 );
                 return Err((at, problem));
             }
@@ -167,7 +168,7 @@ fn parse(text: &str) -> Result<Spline, (usize, String)> {
         if let [.., before, now] = times[..]
             && now <= before
         {
-            return Err((at, format!("t: {now} does not come after {before}")));
+            return Err((at, format!("t: {now} is not later than {before}")));
         }
         last = at;
     }
@@ -231,7 +232,7 @@ mod tests {
             ("t,x,y\n0,0,0\n1,a,0\n", 3, "x: 'a'"),
             ("t,x,y\n0,0,0\n1,nan,0\n", 3, "is not a number"),
             ("t,x,y\n0,0,0\n1,1e5,0\n", 3, "x: 100000 m is farther"),
-            ("t,x,y\n0,0,0\n\n0,1,0\n", 4, "does not come after"),
+            ("t,x,y\n0,0,0\n\n0,1,0\n", 4, "is not later than"),
             ("t,x,y\n0,0,0\n1,1\n", 3, "2 fields"),
             ("t,x,y\n0,0,0\n1,1,1\n", 3, "three rows"),
         ] {

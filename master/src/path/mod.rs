@@ -1,4 +1,4 @@
-//! What a group can be driven along.
+//! Paths that a group can be driven along.
 //!
 //! A [`course`] is what was asked for: a [`curve`] by name or a [`mod@file`] of points, and how it
 //! is to be driven. Its plan gives the pose and the twist at every instant. [`steering`] corrects

@@ -1,4 +1,4 @@
-//! What the wheels have to turn more because rollers meet the floor at rest.
+//! The extra wheel motion that is needed because rollers meet the floor at rest.
 //!
 //! A roller in the air hardly turns. When it comes down, the floor brings it up to the speed `c`
 //! across its axle, and what that takes, `m c` for a roller whose inertia counts as `m` at the

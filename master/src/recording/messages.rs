@@ -1,4 +1,4 @@
-//! What is said about a bus: frames and poses in, messages on channels out.
+//! The messages of a recording: frames and poses in, messages on channels out.
 //!
 //! A recording and a live view say the same things in the same form, so both get them from here:
 //! every frame as it was, and what a listener makes of the frames (the group at every SYNC, each

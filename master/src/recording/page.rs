@@ -128,15 +128,15 @@ pub fn to_html(recording: &Recording) -> Result<String, ChartError> {
     if let Some(damage) = &figures.damage {
         let _ = write!(
             out,
-            "<p><b>This recording is not whole:</b> {}.</p>",
+            "<p><b>This recording is incomplete:</b> {}.</p>",
             escape(damage)
         );
     }
     cards(&mut out, &figures);
     figure(&mut out, "", &charts::map(recording, &rows))?;
     out.push_str(
-        "<p>The path by the wheels is the mean of the robots' odometry; slip that their \
-         compensation does not know of is not in it.</p><h2>Velocity</h2>",
+        "<p>The path by the wheels is the mean of the robots' odometry; it does not show slip that \
+         their compensation does not cover.</p><h2>Velocity</h2>",
     );
     for chart in charts::velocities(&rows) {
         figure(&mut out, "", &chart)?;

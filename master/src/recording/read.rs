@@ -31,7 +31,7 @@ pub fn read(path: &Path) -> Result<Recording, RecordingError> {
     read_with(path, &mut |_| {})
 }
 
-/// The same; `progress` is told now and then which share of the file has been read, 0 to 1.
+/// The same; `progress` gets the fraction of the file that has been read, 0 to 1, now and then.
 ///
 /// # Errors
 /// As [`read`].

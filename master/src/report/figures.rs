@@ -54,7 +54,7 @@ pub fn rows(report: &Report) -> Vec<Row> {
     ];
     if report.turns() {
         rows.push(row(
-            "turned angle error",
+            "error of the turned angle",
             &|run| percent(run.evenness.turn_percent),
             None,
         ));

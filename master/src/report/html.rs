@@ -67,7 +67,7 @@ pub fn to_html(report: &Report) -> Result<String, ChartError> {
         let (error, name) = if report.turns() {
             (run.evenness.turn_percent, "turned angle")
         } else {
-            (run.errors.x_percent, "error of the way aside")
+            (run.errors.x_percent, "lateral error")
         };
         let text = format!("{name}, {}", report.heading(run));
         card(percent(error), &text);
@@ -91,14 +91,14 @@ pub fn to_html(report: &Report) -> Result<String, ChartError> {
     out.push_str("<h2>Figures</h2>");
     out.push_str(&table(report));
     out.push_str(
-        "<p>The error of a way is its relative error as in the paper's Table 6: half of the path's \
-         extent over half of the curve's, minus one. The tracking error is the distance to where \
-         the curve is at the same instant, the known delay of the setpoint pipeline included in \
-         the setpoints. The lag is what of that error goes with the velocity, freed of gain and \
-         start. The ripple is the standard deviation of the speed where the curve is fastest, \
-         over the speed asked for. The shape error is the largest distance of a robot from its \
-         place in the group. The paper's robot was one virtual prototype; it printed no numbers \
-         for its compensated curves.</p>",
+        "<p>The errors of x and y are relative errors as in the paper's Table 6: half of the \
+         path's extent over half of the curve's, minus one. The tracking error is the distance to \
+         where the curve is at the same instant; the setpoints make up for the known delay of \
+         their pipeline. The lag is the part of that error that is proportional to the velocity, \
+         without the parts due to gain and start. The ripple is the standard deviation of the \
+         speed where the curve is fastest, over the commanded speed. The shape error is the \
+         largest distance of a robot from its place in the group. The paper's robot was one \
+         virtual prototype; it printed no numbers for its compensated curves.</p>",
     );
     out.push_str("<h2>Displacement</h2><div class=\"pair\">");
     for chart in charts::displacements(report) {
@@ -113,9 +113,9 @@ pub fn to_html(report: &Report) -> Result<String, ChartError> {
     figure(&mut out, "", &charts::heading(report))?;
     figure(&mut out, "", &charts::shape(report))?;
     out.push_str(
-        "<h2>Wheel rates</h2><p>Rate of the wheels' hubs, positive rolls the base forward. Wheels \
-         on one diagonal turn alike, and their lines lie on each other, as long as the group does \
-         not turn.</p>",
+        "<h2>Wheel rates</h2><p>Rate of the wheels' hubs, positive rolls the base forward. While \
+         the group does not turn, the wheels on one diagonal turn alike and their lines \
+         coincide.</p>",
     );
     for robot in 0..robots {
         out.push_str("<div class=\"pair\">");
@@ -141,10 +141,10 @@ fn provenance(report: &Report) -> &'static str {
              drawn here. Nothing of this has run on hardware.</p>"
         }
         super::BackendName::Robots => {
-            "<h2>Where this comes from</h2><p>The path drawn here is what the robots' own wheels \
-             say (the mean of the members' odometry), not an outside measurement: slip that the \
-             compensation does not know of is not in it. The shape error, too, is by the wheels: \
-             how far a robot's own put it from its place.</p>"
+            "<h2>Where this comes from</h2><p>The path drawn here is the mean of the members' \
+             odometry, measured by their own wheels. It does not show slip that the compensation \
+             does not cover. The shape error is measured by the wheels, too: how far each robot's \
+             wheels took it from its place.</p>"
         }
         super::BackendName::Native => {
             "<h2>Where this comes from</h2><p>Every robot is the firmware's control code compiled \

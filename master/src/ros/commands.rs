@@ -1,11 +1,11 @@
-//! What ROS 2 asks of the group: velocities and calls of services, each judged before it reaches
+//! Requests of ROS 2 to the group: velocities and calls of services, each judged before it reaches
 //! the controls.
 //!
-//! A velocity that cannot be followed moves nothing: it is no number, asks for an axis that a
+//! A velocity that cannot be followed moves nothing: it is not finite, asks for an axis that a
 //! group on the floor does not have, is in another frame, old, or beyond ten times the limits,
 //! where a unit is wrong. One beyond the limits is slowed down in its direction. Each publisher is
 //! a client of the controls, so one drives at a time; another succeeds it once the first has been
-//! silent for the time-out. A publisher whose velocity came while the robots were not ready has to
+//! silent for the timeout. A publisher whose velocity came while the robots were not ready has to
 //! pause or to send zero before it moves them: nothing moves because something else became ready.
 //!
 //! What was refused is counted and told in words by [`Commands::report`], for `diagnostics`.
@@ -121,7 +121,7 @@ impl Commands {
                 Reply::default()
             }
             Incoming::Unreadable(why) => {
-                self.refuse(format!("bytes that are no message: {why}"));
+                self.refuse(format!("bytes that are not a message: {why}"));
                 Reply::default()
             }
             Incoming::OtherType(others) => {
@@ -221,7 +221,10 @@ impl Commands {
                 let drives = |one: &&Publishing| self.controls.drives(self.sources[*one].client);
                 let driver = self.sources.keys().find(drives);
                 let driver = driver.map_or_else(|| "another client".into(), |one| self.name(*one));
-                return Err(format!("{driver} drives; one publisher at a time"));
+                return Err(format!(
+                    "{driver} drives already; only one publisher may drive at a \
+                                    time"
+                ));
             }
         }
         let timeout = self.rules.timeout_ms;
@@ -282,7 +285,7 @@ impl Commands {
                 } else if self.foreign {
                     return Err(format!("{FOREIGN}; stop them there"));
                 }
-                Ok("the drivers are cut; e_stop_reset starts the robots again")
+                Ok("the motor drivers are off; e_stop_reset starts the robots again")
             }
             Call::Reset => {
                 if !self.latched {

@@ -209,7 +209,7 @@ pub fn operate(
     }
 }
 
-/// What is told to the node.
+/// Messages to the node.
 struct State {
     group: GroupFile,
     options: Options,
@@ -219,9 +219,9 @@ struct State {
     asked: Vec<Asked>,
     own: Own,
     outgoing: Sender<Outgoing>,
-    /// When motion was told last, on the link's clock.
+    /// When motion was last published, on the link's clock.
     last: f64,
-    /// When the state of all was told last.
+    /// When the state of all robots was last published.
     reported: f64,
     e_stop: Option<bool>,
     /// Since when the node has taken nothing.

@@ -1,4 +1,4 @@
-//! What the page and the server say to each other: one JSON object a message, `type` first.
+//! Messages between the page and the server: one JSON object a message, `type` first.
 
 use clap::ValueEnum as _;
 use serde_json::{Value, json};
@@ -196,14 +196,14 @@ mod tests {
                 r#"a message is a JSON object, as in {"type":"stop"}"#,
             ),
             ("{}", "the field `type` is missing"),
-            (r#"{"type":7}"#, "type: 7 is not a text"),
+            (r#"{"type":7}"#, "type: 7 is not a string"),
             (
                 r#"{"type":"jump"}"#,
                 "`type` is hello, take, leave, start, stop, drive, curve or release",
             ),
             (r#"{"type":"stop","now":true}"#, "unknown field `now`"),
             (r#"{"type":"hello"}"#, "the field `token` is missing"),
-            (r#"{"type":"hello","token":1}"#, "token: 1 is not a text"),
+            (r#"{"type":"hello","token":1}"#, "token: 1 is not a string"),
         ] {
             let why = format!("not understood: {why}");
             assert_eq!(ClientMessage::parse(bad), Err(why), "{bad}");

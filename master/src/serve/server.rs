@@ -1,6 +1,6 @@
 //! The server: a thread that accepts, and one for each of a few connections.
 //!
-//! Blocking sockets with time-outs on both ways: a peer that sends its request too slowly, or does
+//! Blocking sockets with timeouts on both ways: a peer that sends its request too slowly, or does
 //! not take what it is sent for a second, is dropped. A connection that ends gives up the controls.
 
 use std::io::{self, ErrorKind, Read, Write};

@@ -1,4 +1,4 @@
-//! What the group file says, written into the robots.
+//! Writes the group file into the robots.
 //!
 //! Every value goes over SDO in PRE-OPERATIONAL and is read back; then the robot is asked whether
 //! its configuration is complete and fits together (object 0x2002:1). Nothing is written into a

@@ -29,12 +29,13 @@ impl<L: Link> Group<L> {
         self.paced = self.wire.link.pace(Some(schedule));
     }
 
-    /// The counter of the next SYNC: that of the last one that went out, by whomever, and one more.
+    /// The counter of the next SYNC: one more than that of the last SYNC on the bus, from any
+    /// master.
     fn next_counter(&self) -> u8 {
         self.wire.sync_counter() % SYNC_OVERFLOW + 1
     }
 
-    /// Leaves off with SYNC.
+    /// Stops sending SYNC.
     pub(super) fn end_sync(&mut self) -> Result<(), MasterError> {
         if self.paced {
             self.wire.link.pace(None);

@@ -514,7 +514,7 @@ impl<L: Link> Group<L> {
 }
 
 /// `twist`, slowed down in its direction as far as the limits of the group ask, and by which
-/// factor. `None` for what is no number.
+/// factor. `None` for a value that is not finite.
 #[must_use]
 pub fn slowed(twist: Twist, limits: &group::Limits) -> Option<(Twist, f32)> {
     let speed = twist.vx.hypot(twist.vy) / limits.linear_speed;

@@ -1,4 +1,4 @@
-//! What robots, and other masters, say.
+//! Evaluates frames of robots and of other masters.
 //!
 //! Frames that are not the robots' are no concern of the master; frames that do not decode are left
 //! out of the record, and their sender will be missed. On a bus that is only observed, another

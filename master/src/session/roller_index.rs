@@ -2,8 +2,8 @@
 //! every encoder's index comes by.
 //!
 //! A command that follows a curve is not expected to make this motion, so it is slow, and its
-//! caller is told before how much room it needs ([`IndexSearch`]). The group ends where it began,
-//! as far as its wheels know.
+//! caller learns beforehand how much room it needs ([`IndexSearch`]). The group ends where it
+//! began, as far as its wheels know.
 
 use kinematics::WheelRates;
 use protocol::{Kind, Value, address};

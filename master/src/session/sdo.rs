@@ -247,9 +247,9 @@ impl<L: Link> Wire<L> {
         })
     }
 
-    /// Writes an object of any length by block transfer; `show` is told how many bytes the robot
-    /// has confirmed, and ends the transfer by an error. It is not tried again, because a part of
-    /// it has arrived.
+    /// Writes an object of any length by block transfer; `show` gets the number of bytes that the
+    /// robot has confirmed, and ends the transfer by an error. It is not tried again, because a
+    /// part of it has arrived.
     ///
     /// # Errors
     /// When the robot refuses or does not answer, and that of `show`.

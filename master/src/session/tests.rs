@@ -1,4 +1,4 @@
-//! The session against cardboard robots: what it sends and when, and what it makes of trouble.
+//! The session against mock robots: what it sends and when, and what it makes of trouble.
 
 use std::sync::{Arc, Mutex};
 

@@ -139,10 +139,13 @@ impl Broker {
         if *tls {
             let ca = access.authority.clone();
             let ca = ca.ok_or(
-                "--broker mqtts://: give --ca FILE.pem, the certificate of who signed the broker's",
+                "--broker mqtts://: give --ca FILE.pem, the certificate of the authority that \
+                 signed the broker's",
             )?;
             if !CertificateDer::pem_slice_iter(&ca).any(|one| one.is_ok()) {
-                return Err("--ca: there is no certificate in the file; give one in PEM".into());
+                return Err(
+                    "--ca: the file contains no certificate; give one in PEM format".into(),
+                );
             }
             // Another part of the program may have chosen the same already.
             let _ = rustls::crypto::ring::default_provider().install_default();

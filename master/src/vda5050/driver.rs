@@ -1,4 +1,4 @@
-//! From what the vehicle asks for to what the group does, and back.
+//! Translates the vehicle's requests into commands to the group, and the group's state back.
 //!
 //! A request to drive becomes a [`SharedRoute`]. The robots are started for it, and the route is
 //! handed to the pilot when they follow setpoints. More legs are put behind it while it is driven;
@@ -265,7 +265,7 @@ impl<'a> Driver<'a> {
             errors.push(VehicleError {
                 kind: "groupStopped".into(),
                 sentence: format!(
-                    "{why}; cancel the order, see to the cause, and send a new order"
+                    "{why}; cancel the order, remove the cause, and send a new order"
                 ),
                 fatal: true,
                 references: Vec::new(),

@@ -2,8 +2,8 @@
 //!
 //! A source of poses has a frame of its own. The map is reached by one offset: the pose of that
 //! frame on the map. For poses from outside it is given, or the frames are one. Wheels know no
-//! place, only ways: for them the offset follows from where the group stands when that is told, at
-//! the start or by `initPosition`.
+//! place, only distances: for them the offset follows from where the group stands when that is
+//! told, at the start or by `initPosition`.
 
 use kinematics::Pose;
 

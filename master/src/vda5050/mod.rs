@@ -29,7 +29,7 @@ use crate::controls::Controls;
 use crate::pilot::Pilot;
 use crate::run::DriveError;
 
-/// How often messages are taken and what is seen is looked at, at least.
+/// Longest time between two passes that receive messages and judge telemetry.
 const TICK: Duration = Duration::from_millis(20);
 
 /// ms since 1970.

@@ -1,4 +1,4 @@
-//! What the factsheet says of a group: from its file.
+//! The values of the factsheet, from the group file.
 
 use ::vda5050::configuration::{Physics, Wheel};
 use group::GroupFile;

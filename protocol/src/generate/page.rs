@@ -51,7 +51,7 @@ const PROCESS_DATA: &str = "\
 All PDOs are synchronous, transmission type 1, and exactly eight bytes, YawRate five. Scaled fields
 are rounded to nearest and saturate; the most negative value (-32768, or -8388608 in 24 bits; of an
 unsigned magnitude 255) means *invalid*. A setpoint's sequence must lie 1 to 127 ahead of the last
-one, wrapping; what repeats or lies behind is not followed and does not reset the time-out.
+one, wrapping; what repeats or lies behind is not followed and does not reset the timeout.
 
 The yaw rate of MeasuredTwist is that of the wheels on every robot, because members compare it; the
 heading of Pose is that of the gyro where one is used. Only robots with a gyro send YawRate; on
@@ -128,7 +128,7 @@ A robot without tables reads a set without rows, version 0.
 
 ## Resets
 
-Reset communication (NMT) sets the objects of the communication to their saved values; reset node
+Reset communication (NMT) sets the communication objects to their saved values; reset node
 also those of the application, and 0x2100 and 0x2101 to 0. Neither changes what the robot measures:
 pose (0x2112), counters and histories go on. A robot that moves ramps down with its group.
 

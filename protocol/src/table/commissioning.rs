@@ -9,14 +9,14 @@ records! { COMMISSIONING_RECORDS:
         COMMISSIONING = 1: command("Commissioning permission", "", Kind::U8),
             "1 declares that this robot may move on its own: not coupled to a load, wheels free or \
              area clear. Refused with 0x06040043 unless 0x2040:2 names this robot alone, or \
-             0x2050:2 is 1. Gone after every change of the NMT state and after 60 s; writing 1 \
+             0x2050:2 is 1. Ends with every change of the NMT state and after 60 s; writing 1 \
              again gives another 60 s. A commissioning twist is followed up to 0.25 m/s and 0.5 \
              rad/s.";
         ALONE_FOR_NOW = 2: command("Alone for now", "", Kind::U8),
             "1 makes a robot that is a member of a group its own only member for a test: it needs \
-             no votes but its own and follows no group twist, and its vote lets the group not move \
-             either (limit 0x000E). Only before NMT start. Gone when the robot leaves OPERATIONAL, \
-             when the master's heartbeat is overdue (0x2041:4) and when the master boots.";
+             no votes but its own and follows no group twist, and its vote keeps the group at rest \
+             (limit 0x000E). Only before NMT start. Ends when the robot leaves OPERATIONAL, when \
+             the master's heartbeat is overdue (0x2041:4) and when the master boots.";
     }
 }
 
@@ -29,14 +29,15 @@ records! { IDENTIFICATION_RECORDS:
         IDENTIFY_STATUS = 2: state("Identification status", "", Kind::U8),
             "0 never run, 1 running, 2 done; stopped: 3 by the master, 4 by a fault, 5 by its time \
              limit of 20 s, 6 wheel too fast, 7 wheel too far, 8 wheel does not turn, 9 wheel \
-             turns backwards, 10 no motor's behaviour.";
+             turns backwards, 10 not the behaviour of a motor.";
         IDENTIFY_WHEEL = 3: state("Identification wheel", "", Kind::U8),
             "The wheel that stopped it: 0 front left, 1 front right, 2 rear left, 3 rear right; \
              255 none.";
         IDENTIFY_RATE = 4: setting("Identification wheel rate", "rad/s", real(0.5, 50.0, 5.0)),
             "The ramp ends when a wheel is that fast; half as much again stops it.";
         IDENTIFY_TRAVEL = 5: setting("Identification travel", "rad", real(1.0, 200.0, 12.0)),
-            "Farthest a wheel may turn from where it stood; the ramp ends at three fifths of it.";
+            "Largest angle by which a wheel may turn from where it stood; the ramp ends at three \
+             fifths of it.";
         IDENTIFY_BANDWIDTH = 6: setting(
             "Identification bandwidth", "rad/s", real(1.0, 100.0, 10.0)
         ),
@@ -52,7 +53,7 @@ records! { IDENTIFICATION_RECORDS:
 records! { BLINK_RECORDS:
     0x2059 "Blink" {
         BLINK = 0: command("Blink", "s", Kind::U8),
-            "For so many seconds the LED shows which robot this is: five short flashes and a \
+            "The LED shows for this many seconds which robot this is: five short flashes and a \
              pause. 0 ends it. Reads as the seconds left.";
     }
 }

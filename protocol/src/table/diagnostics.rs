@@ -11,7 +11,7 @@ records! { DIAGNOSTICS_RECORDS:
         SLIP = 2: state("Slip residual", "rad/s", Kind::F32),
             "Wheel rates that no rigid motion explains; 0 when not measured.";
         CURRENT = 3: state("Motor current", "A", Kind::F32),
-            "As the sensors of 0x2026:3 see it, with its sign; 0 where it is not measured.";
+            "As the sensors of 0x2026:3 measure it, with its sign; 0 where it is not measured.";
         TEMPERATURE = 4: state("Motor temperature", "degC", Kind::U8),
             "Of the hottest motor, as the smart drives report it; 0 where it is not measured.";
     }
@@ -27,7 +27,7 @@ records! { DIAGNOSTICS_RECORDS:
         STOPS = 5: counter("Stops"),
             "Times a fault brought the robot to rest.";
         WATCHDOG_RESETS = 6: counter("Watchdog resets"),
-            "Since power came.";
+            "Since power-on.";
         CAN_ERRORS = 7: counter("CAN errors"),
             "Frames lost by overflow or bus-off.";
         LATE_VOTES = 8: counter("Late votes"),
@@ -92,13 +92,13 @@ records! { CAN_RECORDS:
              one; from 128 on error passive.";
         CAN_LAST_ERROR = 3: state("Last error", "", Kind::U8),
             "0 none since the start, 1 stuffing, 2 form, 3 not acknowledged, 4 recessive bit read \
-             as dominant, 5 dominant bit read as recessive, 6 checksum. Looked at every few ms, so \
-             one of several may be missed.";
+             as dominant, 5 dominant bit read as recessive, 6 checksum. Read every few ms, so one \
+             of several may be missed.";
         CAN_PASSIVES = 4: counter("Times error passive"),
-            "Since power came. Each is announced by emergency message 0x8120 and taken back once \
+            "Since power-on. Each is announced by emergency message 0x8120 and taken back once \
              both error counters are below 96.";
         CAN_BUS_OFFS = 5: counter("Times bus-off"),
-            "Since power came.";
+            "Since power-on.";
     }
     0x2131 "Cable" {
         CABLE_LOST = 1: counter("Lost to the cable"),

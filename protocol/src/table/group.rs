@@ -8,7 +8,7 @@ use crate::object::Object;
 records! { GROUP_RECORDS:
     0x2040 "Group" {
         GROUP_ID = 1: required("Group", "", byte(0, 255, 0)),
-            "Group twists for another group are not for this robot: they are neither taken nor \
+            "Group twists for another group are not for this robot: they are neither followed nor \
              counted, so several groups can share a bus, its SYNC and its master's heartbeat.";
         MEMBERS = 2: required("Members", "", long(4, MEMBER_MASK, 4)),
             "Bit n stands for node n; robots are 2 to 17. This robot must be among them; only a \
@@ -31,8 +31,9 @@ records! { GROUP_RECORDS:
     }
     0x2042 "Restart and stops" {
         STANDSTILL_SYNCS = 1: parameter("Standstill before motion", "SYNCs", byte(1, 250, 3)),
-            "After a start, so many SYNCs in a row must bring a setpoint of less than 0.01 m/s and \
-             0.01 rad/s that all members agree on; until then any other is a scale of 0.";
+            "After a start, this many SYNCs in a row must bring a setpoint of less than 0.01 m/s \
+             and 0.01 rad/s that all members agree on; until then any other setpoint gives a scale \
+             of 0.";
         PROTECTIVE_STOP = 2: parameter("Protective stop", "", byte(0, 1, 0)),
             "1: a normally closed contact is connected to the protective stop input; open is a \
              ramp, then outputs off.";

@@ -31,7 +31,7 @@ records! { IDENTITY_RECORDS:
         CONFIGURATION_CRC = 2: state("Configuration CRC", "", Kind::U32),
             "CRC-32 (IEEE 802.3) over all parameters in the order of this table, four bytes each \
              (of the compensation set its CRC), so that a master can tell whether a robot has the \
-             configuration it means.";
+             intended configuration.";
         GROUP_CRC = 3: state("Group CRC", "", Kind::U32),
             "The same over the parameters that must be equal in all members of a group: \
              acceleration, jerk, deceleration, group, members, times, restart and stops of the \

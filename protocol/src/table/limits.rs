@@ -46,7 +46,7 @@ records! { LIMITS_RECORDS:
              slip above 0x2031:2. No drive of the tests without a fault has 0.01 for that long; a \
              member with one dead encoder at 0.6 m/s has 0.21, and is named by its wheel watch.";
         BLOCKED_RATE = 5: parameter("Blocked wheel", "rad/s", real(0.0, 60.0, 2.0)),
-            "Wheel rate asked for and not reached that means a blocked or dead wheel; 0 for no \
+            "Deviation from the commanded wheel rate that means a blocked or dead wheel; 0 for no \
              check.";
         WHEEL_FAULT_TIME = 6: parameter("Wheel fault time", "ms", word(10, 2000, 200)),
             "How long that must last.";

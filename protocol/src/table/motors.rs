@@ -67,14 +67,15 @@ records! { OUTPUT_STAGE_RECORDS:
         DIRECTION_PAUSE = 2: parameter("Direction pause", "", byte(0, 1, 0)),
             "1: a bridge gets no duty for one tick before it changes its direction.";
         BRAKE_RELEASE = 3: parameter("Brake release time", "ms", word(0, 1000, 0)),
-            "What the slowest brake of the group takes to let go, the same in all members. So long \
-             after it was released nothing is followed and no wheel is judged; the loops hold.";
+            "Time that the slowest brake of the group needs to release, the same in all members. \
+             For this long after its release no setpoint is followed and no wheel is monitored; \
+             the loops hold.";
         BRAKE_ENGAGE = 4: parameter("Brake engage time", "ms", word(0, 1000, 0)),
-            "What the brake takes to hold. So long after it was engaged at standstill the drivers \
-             stay on and the loops hold. A cut does not wait.";
+            "Time that the brake needs to engage. For this long after it was engaged at standstill \
+             the drivers stay on and the loops hold. A cut does not wait.";
         PWM_FREQUENCY = 5: parameter("PWM frequency", "Hz", word(8_000, 40_000, 20_000)),
-            "What drivers and motors want. Below 16 kHz it is heard; above 20 kHz many drivers \
-             lose more.";
+            "As drivers and motors require. Below 16 kHz it is audible; above 20 kHz many drivers \
+             lose more power.";
         OUTPUT_STAGE = 6: parameter("Kind", "", byte(0, 6, 0)),
             "How a duty is put on a bridge's inputs: 0 PWM and direction; 1 IN/IN, slow decay: \
              PWM on IN1, direction on IN2, inverted PWM while reversing; 3 locked antiphase, half \

@@ -1,4 +1,4 @@
-//! What runs out, and how a fault is announced.
+//! Deadlines, and how a fault is announced.
 
 use canopen::{ErrorClass, Errors};
 use control::configuration::Configuration;

@@ -15,7 +15,7 @@
 //! | `agree` | at SYNC: the vote on the next setpoint; with the last vote: the decision |
 //! | `alone` | one robot moved alone |
 //! | `identification` | identification of the motors |
-//! | `faults` | time-outs, and how faults are announced |
+//! | `faults` | timeouts, and how faults are announced |
 //! | `publish` | what the robot reports about itself |
 //! | `plan` | what the members compare before they move |
 //! | `storage` | saving parameters |
@@ -125,8 +125,8 @@ pub(crate) struct Application {
 
     last_sync: Micros,
     last_heartbeat: Micros,
-    /// Nothing runs out before. Signs of life only move that further off, so it need not follow
-    /// them at once.
+    /// Earliest deadline. Fresh frames can only postpone it, so it is computed again only when it
+    /// is due.
     pub runs_out: Micros,
     /// Until when it has listened for a robot of the same node.
     listened: Micros,

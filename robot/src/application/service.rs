@@ -1,4 +1,4 @@
-//! What the device calls.
+//! The functions that the device calls.
 
 use canopen::{
     AbortCode, Errors, Frame, NmtState, NodeId, PdoDirection, ReceivedSync, ResetScope, Sink,

@@ -242,7 +242,7 @@ fn alone_for_now_ends_with_its_master() {
             if boots {
                 world.send(1, cob::MASTER_HEARTBEAT, &[0]);
             } else {
-                // The last heartbeat is up to 100 ms old, the time-out is 500 ms.
+                // The last heartbeat is up to 100 ms old, the timeout is 500 ms.
                 world.run(390);
                 assert_eq!(world.read(2, at::ALONE_FOR_NOW).unwrap() & 1, 1);
                 world.run(115);

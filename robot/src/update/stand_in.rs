@@ -1,4 +1,4 @@
-//! What is said for a robot while its program cannot run.
+//! Answers for a robot while its program cannot run.
 //!
 //! A sector of the flash takes a second or two to erase, and the program that lies in that flash
 //! stands still. A few instructions in RAM can go on: they know nothing of CANopen, and say what

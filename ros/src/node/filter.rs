@@ -22,7 +22,7 @@ use socket2::{SockFilter, SockRef};
 
 use super::ports;
 
-/// Submessages that are looked at: the first of these numbers whose program the kernel takes.
+/// Submessages that are checked: the first of these numbers whose program the kernel takes.
 const DEPTHS: [u32; 3] = [32, 16, 8];
 /// Messages that a heartbeat or a gap may name, in steps of 256: a million.
 const MOST: u32 = 1 << 12;

@@ -1,5 +1,5 @@
-//! Who else is there: publishers of commands by the name of their node, and those whose messages
-//! are of another type.
+//! The other participants: publishers of commands by the name of their node, and those whose
+//! messages are of another type.
 //!
 //! Nodes say which publishers are theirs on the topic `ros_discovery_info`; DDS says which
 //! publisher has which topic and type.

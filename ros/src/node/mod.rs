@@ -465,7 +465,7 @@ impl Served {
                         if topics.publish(message) {
                             full_since = None;
                         } else if full_since.get_or_insert_with(Instant::now).elapsed() > HANGS {
-                            return Err(NodeError("the library sends nothing any more".into()));
+                            return Err(NodeError("the library has stopped sending".into()));
                         }
                         if looks {
                             graph.look(on);

@@ -22,7 +22,7 @@ use super::{NodeError, ports, refused};
 
 /// Group of announcements (RTPS 2.5, 9.6.1.4).
 const GROUP: Ipv4Addr = Ipv4Addr::new(239, 255, 0, 1);
-/// Participants of one computer that are told.
+/// Participants of one computer that are announced to.
 const PARTICIPANTS: u16 = 10;
 /// How often the relay looks whether it is to end.
 const PATIENCE: Duration = Duration::from_millis(200);
@@ -104,7 +104,7 @@ fn listen(port: u16, environment: &Environment) -> io::Result<UdpSocket> {
 /// The address of this computer from which a peer is reached. Nothing is sent.
 fn towards(peer: &IpAddr) -> io::Result<Ipv4Addr> {
     let no_way =
-        |error: io::Error| io::Error::new(error.kind(), format!("no way to {peer}: {error}"));
+        |error: io::Error| io::Error::new(error.kind(), format!("no route to {peer}: {error}"));
     let socket = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0))?;
     socket.connect((*peer, 9)).map_err(no_way)?;
     match socket.local_addr()?.ip() {

@@ -51,7 +51,7 @@ pub(super) const fn is_of(domain: u16, port: u16) -> bool {
 /// Makes a participant.
 ///
 /// # Errors
-/// When the network refuses it, or no number has both its ports free.
+/// When the network refuses it, or no participant has both its ports free.
 pub(super) fn participant(environment: &Environment) -> Result<DomainParticipant, NodeError> {
     let refused = refused("the network");
     let domain = environment.domain;

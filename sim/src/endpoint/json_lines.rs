@@ -1,4 +1,4 @@
-//! Lines of JSON over TCP, the same ones to any number of clients; what these send is ignored.
+//! JSON lines over TCP, the same to any number of clients; input from them is ignored.
 //!
 //! A client gets the latest line when it connects and every line from then on. One that does not
 //! read loses lines once [`WAITING`] bytes wait for it, whole ones only.

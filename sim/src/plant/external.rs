@@ -244,7 +244,7 @@ impl ExternalPlant {
         if floor.len() != self.poses.len() || !finite {
             let robots = self.poses.len();
             return Err(self.fail(&format!(
-                "floor_torque has not 4 numbers for {robots} robots"
+                "floor_torque does not have 4 numbers for each of {robots} robots"
             )));
         }
         Ok(())

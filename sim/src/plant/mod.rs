@@ -86,7 +86,7 @@ pub fn build(group: &GroupFile, start: Pose<f64>) -> Result<Box<dyn Plant>, SimE
         )?)),
         #[cfg(not(feature = "host"))]
         Kind::External { .. } => Err(SimError::Plant {
-            problem: "a plant outside needs a network, which this build does without".to_owned(),
+            problem: "an external plant needs a network, and this build has none".to_owned(),
         }),
         Kind::Contact { rollers } => {
             let contact = contact::Contact::of(group, *rollers);

@@ -282,7 +282,7 @@ impl Backend {
                 Box::new(emulated::EmulatedRobot::new(firmware, node, crystal_ppm)?)
             }
             Self::Images(_) => {
-                let problem = "which board it has is not known".to_owned();
+                let problem = "its board is not known".to_owned();
                 return Err(SimError::Robot { node, problem });
             }
         })

@@ -141,7 +141,7 @@ struct Live {
     clock: Clock,
     bus: BusSide,
     control: ControlSide,
-    /// The kind of motor drivers that it was told.
+    /// The kind of motor drivers that it is configured for.
     stage: OutputStage,
     next_tick: Micros,
     /// Keeps the ticks in step with SYNC, and the SYNC it has not seen yet.

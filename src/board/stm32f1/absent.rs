@@ -1,6 +1,7 @@
-//! What a robot with an STM32F1 does without, as values that do nothing or cannot exist: smart
-//! drives, which need a second CAN controller; a gyro; the cable; updates over the bus, because 256
-//! KiB have no room for two slots, and with them the boot code's signatures and the lock.
+//! The functions that a robot with an STM32F1 lacks, as values that do nothing or cannot exist:
+//! smart drives, which need a second CAN controller; a gyro; the cable; updates over the bus,
+//! because 256 KiB have no room for two slots, and with them the boot code's signatures and the
+//! lock.
 
 /// Smart drives.
 pub mod drives {

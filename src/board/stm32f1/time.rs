@@ -8,7 +8,7 @@
 //! tick that does not come for longer ends in a reset by the watchdog.
 //!
 //! TIM6 and TIM7 have no channel that could compare, and all other timers are taken by motors and
-//! encoders. So alarms are looked at in each tick ([`tick`]), and are up to a millisecond late; LED
+//! encoders. So alarms are checked in each tick ([`tick`]), and are up to a millisecond late; LED
 //! and log are all that wait for one.
 //!
 //! # Limits

@@ -29,7 +29,7 @@ const STOP_US: u32 = 2_000;
 const FRAME_US: u32 = 15_000;
 /// Bits without an edge after which a frame is over: more than five are only after its end.
 const IDLE_BITS: u32 = 8;
-/// Bits that are looked at: start, identifier, control and eight bytes of data are 83.
+/// Bits that are measured: start, identifier, control and eight bytes of data are 83.
 const BITS: u32 = 80;
 
 /// A wave at a pin; durations in clocks of the core.

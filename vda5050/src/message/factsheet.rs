@@ -21,7 +21,7 @@ const ACTIONS: [(&str, &str, Parameters); 6] = [
     ),
     (
         "initPosition",
-        "Says where the standing vehicle is on which map.",
+        "Sets the map and the position of a vehicle that stands still.",
         &[
             ("x", "NUMBER"),
             ("y", "NUMBER"),

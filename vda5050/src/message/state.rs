@@ -30,7 +30,7 @@ pub struct ActionState {
     pub kind: String,
     /// How far it is.
     pub status: ActionStatus,
-    /// What came of it.
+    /// The result.
     pub result: Option<String>,
     /// Whether it stands on a node of an order, and was not sent at once.
     pub ordered: bool,

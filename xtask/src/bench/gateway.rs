@@ -10,7 +10,7 @@ use super::driving::Driving;
 use super::figure::Figure;
 use super::latency;
 
-/// Time of driving that is looked at, ms.
+/// Time of driving that is measured, ms.
 const MEASURED_MS: u64 = 1_000;
 /// Bytes that a line of 1 Mbaud carries in a second: ten bits each.
 const LINE: f64 = 100_000.0;

@@ -134,7 +134,7 @@ pub fn figures() -> anyhow::Result<Vec<Figure>> {
         let profile = board.take_profile().context("no call was counted")?;
         ensure!(
             profile.calls(right).len() == 1,
-            "{core}: src/board/memory.rs copies, moves or fills wrongly, or has not come to its end"
+            "{core}: src/board/memory.rs copies, moves or fills wrongly, or did not finish"
         );
         let empty = profile
             .calls(nothing)

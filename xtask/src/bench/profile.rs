@@ -20,16 +20,16 @@ pub struct Arguments {
     /// Number of functions to print.
     #[arg(long, default_value_t = 50)]
     top: usize,
-    /// Count what the compiler has inlined for the functions of the source.
+    /// Counts inlined instructions for the source function that they come from.
     #[arg(long)]
     inlined: bool,
     /// Drives a group of this many robots in a row instead of groups/tcc-3.toml.
     #[arg(long, value_parser = clap::value_parser!(u8).range(1..=8))]
     robots: Option<u8>,
-    /// Has kits with an STM32F103 in place of the robots.
+    /// Profiles kits with an STM32F103 instead of the robots.
     #[arg(long, conflicts_with = "cable")]
     f103: bool,
-    /// Puts the master at the cable of the first robot, which is the gateway then.
+    /// Connects the master to the cable of the first robot, which is then the gateway.
     #[arg(long)]
     cable: bool,
 }

@@ -391,7 +391,7 @@ pub const CASES: &[Case] = &[
     on_drive(36, "", |master| {
         change_drive(master, DriveChange::Power(false))
     }),
-    // It hears no command any more: its own time-out counts, the robot's others have no current at
+    // It hears no command any more: its own timeout counts, the robot's others have no current at
     // once (tests/smart_drives.rs).
     Case {
         millis: Some(100.0),

@@ -1,7 +1,7 @@
 //! One cause, from driving to standstill, with a group of three emulated robots.
 //!
 //! The group drives straight ahead at the speed of the case. The cause appears 1 ms after a SYNC
-//! and the heartbeat: the worst moment for a time-out. From then on the outputs of the watched
+//! and the heartbeat: the worst moment for a timeout. From then on the outputs of the watched
 //! robot are sampled every [`STEP_US`]. A cut is the moment at which the bridges are off; a ramp is
 //! the moment at which the mean duty of three wheels falls by [`VISIBLE`] below its minimum over
 //! the preceding [`BEFORE_MS`]. (For some causes the fourth wheel is the one that fails.) The robot

@@ -64,9 +64,9 @@ pub struct Arguments {
 /// Pairs of causes to test.
 #[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 enum Pairs {
-    /// All with native robots, and those of which one cuts with the image.
+    /// All pairs with native robots, and those with a cut also with the image.
     All,
-    /// Those of which one cuts, native and with the image.
+    /// Pairs with a cut, with native robots and with the image.
     Cuts,
     /// None.
     None,
@@ -77,11 +77,11 @@ enum Pairs {
 enum Stage {
     /// PWM and direction.
     PwmDirection,
-    /// Two half bridges a wheel.
+    /// Two half bridges per wheel.
     InInSlow,
-    /// Two PWMs a wheel, one input low.
+    /// Two PWMs per wheel, one input low.
     InInFast,
-    /// Two PWMs a wheel, one input high.
+    /// Two PWMs per wheel, one input high.
     InInBrake,
     /// Half of the period high is no voltage.
     LockedAntiphase,

@@ -1,6 +1,6 @@
 //! The folder in a headless browser: `tests/interop/test_web.py` opens it, drives as a hand would,
-//! and drives the metre of `web::scenario`, whose outcome has to be that of this machine to the
-//! byte: poses, duties and the log of the bus.
+//! and drives the metre of `web::scenario`, whose result must equal this machine's to the byte:
+//! poses, duties and the log of the bus.
 
 use std::path::Path;
 use std::process::Command;

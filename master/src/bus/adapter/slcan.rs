@@ -166,7 +166,7 @@ pub(super) fn open_serial(bus: &BusAddress, device: &std::path::Path) -> io::Res
         .open()?;
     let (input, inquiry) = (output.try_clone()?, output.try_clone()?);
     const GONE: &str = "the cable is gone: the serial port has closed; the robots ramp down by \
-                        themselves, and this works again when it is plugged in";
+                        themselves. Plug it in and try again";
     start(bus, GONE, input, output, inquiry)
 }
 

@@ -56,7 +56,10 @@ impl Reader {
             let message = self.next().map_err(|error| match error.kind() {
                 io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut => io::Error::new(
                     io::ErrorKind::TimedOut,
-                    format!("no '< {wanted} >' from the server after {asked}; is it socketcand?"),
+                    format!(
+                        "the server did not answer {asked} with '< {wanted} >'; check that it \
+                             is socketcand"
+                    ),
                 ),
                 _ => error,
             })?;

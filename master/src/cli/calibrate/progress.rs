@@ -1,5 +1,5 @@
-//! How a calibration gets on: a bar on a terminal, a line for every motion elsewhere, and a picture
-//! that is drawn again after every motion.
+//! The progress of a calibration: a bar on a terminal, a line for every motion elsewhere, and a
+//! picture that is drawn again after every motion.
 
 use std::path::{Path, PathBuf};
 

@@ -3,8 +3,8 @@
 //! /dev/input/jsN gives eight bytes an event: time (u32, ms), value (i16), kind (1 button, 2 axis,
 //! with 0x80 for the state at opening), number. Read so, no library and no udev is needed. The
 //! layout is that of pads with the xpad driver: left stick axes 0 and 1, right stick axis 3, left
-//! shoulder button 4. That button is the dead-man's: it must be held, and when the pad goes away it
-//! counts as let go.
+//! shoulder button 4. That button is the dead-man's switch: it must be held, and it counts as
+//! released when the pad disappears.
 
 use std::fs::File;
 use std::io::{self, Read};

@@ -1,10 +1,10 @@
-//! `omnibus watch` and `omnibus teleop`: a running group in the terminal, and a hand on it.
+//! `omnibus watch` and `omnibus teleop`: a running group in the terminal, and driving it by hand.
 //!
 //! The session runs in a pilot's thread; this one draws ten times a second and reads keys. `watch`
 //! only listens until the user starts it; on a bus that another master commands it never does more.
 //! Driving needs a key (or the gamepad's button) that is held down: see [`deadman`]. Every 50 ms
-//! while it is, the [`Controls`] are told the velocity once more, good for 0.2 s; so when this
-//! program hangs or its terminal goes, the group ramps down.
+//! while it is held, the [`Controls`] get the velocity again, valid for 0.2 s; so when this program
+//! hangs or its terminal closes, the group ramps down.
 
 mod deadman;
 mod gamepad;
@@ -84,7 +84,7 @@ struct Live {
     /// Yaw rate when turning by hand, rad/s.
     #[arg(long, default_value_t = 0.3, value_parser = super::real::<f32>)]
     turn: f32,
-    /// Ends after this number of seconds.
+    /// Duration, s; by default until the program is quit.
     #[arg(long = "for", value_name = "SECONDS", value_parser = super::real::<f64>)]
     seconds: Option<f64>,
 }
@@ -97,7 +97,7 @@ pub fn watch(arguments: &Watch) -> anyhow::Result<()> {
 /// `omnibus teleop`.
 pub fn teleop(arguments: &Teleop) -> anyhow::Result<()> {
     if super::json() {
-        usage!("teleop shows a terminal and has no JSON; `omnibus bridge` lets programs drive");
+        usage!("teleop has no JSON output; programs drive with `omnibus bridge`");
     }
     let gamepad = match &arguments.gamepad {
         Some(path) => Some(Gamepad::open(path).with_context(|| {

@@ -1,4 +1,4 @@
-//! Why a calibration gives nothing.
+//! The errors that end a calibration.
 
 use super::phase::PhaseError;
 use crate::error::MasterError;

@@ -147,8 +147,8 @@ impl<'a> Journal<'a> {
             let first = lines.next().transpose().map_err(io)?;
             if first != Some(head(fingerprint)) {
                 return Err(problem(
-                    "is of another group file or of other options; give the same, or calibrate \
-                     without --resume"
+                    "belongs to another group file or to other options; give the same ones, or \
+                     calibrate without --resume"
                         .into(),
                 ));
             }

@@ -35,7 +35,7 @@ const ALIKE: f64 = 0.9999;
 pub struct Body {
     /// Places of its robots in the group file.
     pub robots: Vec<usize>,
-    /// Its pose in the group frame: faces as its robots do, or as they do in the mean.
+    /// Its pose in the group frame: it has the mean heading of its robots.
     frame: [f64; 3],
     /// Its pose in the frame of what the source of poses tracks, which for bolted robots is the
     /// group.
@@ -101,7 +101,7 @@ impl Body {
         robots.map(|robot| robot.node).collect()
     }
 
-    /// Where the robots face in the group frame, in the mean, rad.
+    /// Mean heading of the robots in the group frame, rad.
     #[must_use]
     pub fn heading(&self) -> f64 {
         self.frame[2]

@@ -1,4 +1,4 @@
-//! Working out what robots have to be told about themselves, from motions and a source of poses.
+//! Measures the constants that robots need, from motions and a source of poses.
 //!
 //! [`calibrate`] finds the compensation for wheel slip. First the straight motions are driven
 //! without compensation and give the tables ahead, sideways and oblique. With these in force the

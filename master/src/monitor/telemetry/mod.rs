@@ -1,4 +1,4 @@
-//! What a running group tells those who watch it: live views, recorders, the page, your own
+//! Telemetry of a running group for its observers: live views, recorders, the page, your own
 //! program.
 //!
 //! The session makes one [`Snapshot`] per SYNC period, when everything that belongs to that SYNC

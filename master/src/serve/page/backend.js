@@ -1,4 +1,4 @@
-// The page's way to the group: the WebSocket of `omnibus serve`. The page speaks to whatever `backend.js` stands beside
+// The page's connection to the group: the WebSocket of `omnibus serve`. The page uses the `backend.js` that lies beside
 // it; `cargo xtask web` puts another one there, with the group in the browser itself.
 "use strict";
 

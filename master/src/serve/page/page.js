@@ -1,4 +1,4 @@
-// The page of `omnibus serve`. It shows what the backend (`backend.js` beside it) says and sends what the hand does;
+// The page of `omnibus serve`. It shows the messages of the backend (`backend.js` beside it) and sends the user's actions;
 // what may move, the backend decides. Nothing is loaded from anywhere else.
 "use strict";
 
@@ -145,8 +145,8 @@ function build() {
   for (const [name, label, hasBar, meaning] of [
     ["speed", "Speed", true, "Measured speed of the group, over the limit of the group file"],
     ["yaw", "Yaw rate", true, "How fast the group turns, over the limit of the group file"],
-    ["scale", "Group scale", true, "Share of the speed asked for that all robots can follow; below 100 % a wheel is at its limit"],
-    ["strain", "Strain", false, "How far the robots disagree about the group's motion: what the load between them has to take"],
+    ["scale", "Group scale", true, "Share of the commanded speed that all robots can follow; below 100 % a wheel is at its limit"],
+    ["strain", "Strain", false, "How far the robots disagree about the group's motion: the load between them takes up the difference"],
     ["slip", "Largest slip", false, "Wheel rates that no motion of a rigid robot explains"],
     ["load", "Bus load", true, "Share of the bus that frames took in the last 100 ms"]]) {
     const gauge = element("div", "gauge");

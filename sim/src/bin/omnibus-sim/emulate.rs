@@ -41,11 +41,11 @@ pub struct Emulate {
     #[arg(long, value_name = "FILE")]
     group: Option<PathBuf>,
     /// Waits for GDB at this port of this machine, or at HOST:PORT, before the first instruction.
-    /// The world stands still while GDB has stopped the core.
+    /// Simulated time stands still while GDB has stopped the core.
     #[arg(long, value_name = "PORT")]
     gdb: Option<String>,
-    /// Writes PWM, pins, encoders, CAN frames, exceptions and tasks into a VCD file. The emulation
-    /// is then about ten times slower.
+    /// Writes PWM, pins, encoders, CAN frames, exceptions and tasks to a VCD file, which makes the
+    /// emulation about ten times slower.
     #[arg(long, value_name = "FILE")]
     trace: Option<PathBuf>,
     #[command(flatten)]
@@ -56,7 +56,7 @@ pub struct Emulate {
     /// Speed of time; with --gdb always max.
     #[arg(long, value_enum, default_value = "real")]
     speed: Speed,
-    /// Ends after this much virtual time; by default at Ctrl-C.
+    /// Ends after this much virtual time, s; by default at Ctrl-C.
     #[arg(long, value_name = "SECONDS")]
     duration: Option<f64>,
 }
@@ -66,7 +66,7 @@ pub fn emulate(arguments: &Emulate) -> anyhow::Result<()> {
     let until_ns = match arguments.duration {
         None => u64::MAX,
         Some(s) if s > 0.0 && s < 1e9 => (s * 1e9).ceil() as u64,
-        Some(s) => bail!("--duration {s}: give a number of seconds above 0"),
+        Some(s) => bail!("--duration {s:?}: give more than 0 s and less than 1e9 s"),
     };
     let group = match &arguments.group {
         Some(path) => GroupFile::load(path)?,

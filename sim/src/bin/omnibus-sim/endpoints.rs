@@ -17,8 +17,8 @@ use omnibus_sim::endpoint::socketcand::SocketcandServer;
 #[derive(Args)]
 pub struct Endpoints {
     /// Serves the bus in lockstep here, for `omnibus --bus lockstep://ADDR`. Time waits for the
-    /// clients, so nothing is late, however busy this computer is. With @NODE the clients are at
-    /// the cable of this emulated robot instead, as in 127.0.0.1:7701@2.
+    /// clients, so nothing is late, however busy this computer is. With @NODE clients connect to
+    /// the cable of this emulated robot instead of the bus, as in 127.0.0.1:7701@2.
     #[arg(long, value_name = "ADDR[@NODE]")]
     lockstep: Option<String>,
     /// Serves slcan over TCP here, for example 127.0.0.1:7701.
@@ -27,11 +27,11 @@ pub struct Endpoints {
     /// Serves the raw mode of socketcand here, for example 127.0.0.1:29536.
     #[arg(long, value_name = "ADDR")]
     socketcand: Option<String>,
-    /// Serves slcan on a pseudo terminal and makes this link to it.
+    /// Serves slcan on a pseudo terminal and links this path to it.
     #[arg(long, value_name = "PATH")]
     pty: Option<PathBuf>,
-    /// Puts the serial port of an emulated robot on a pseudo terminal and makes this link to it: of
-    /// the first robot, or of another node, as in /tmp/robot@3. May be repeated.
+    /// Serves the serial port of an emulated robot on a pseudo terminal and links this path to it:
+    /// of the first robot, or of another node, as in /tmp/robot@3. May be repeated.
     #[arg(long, value_name = "PATH[@NODE]")]
     cable: Vec<String>,
     /// Connects the bus to this CAN interface (Linux), for example vcan0.

@@ -12,6 +12,10 @@ use omnibus_sim::paper::{Findings, OnPlant, SCENARIOS, Scenario, Setting, find};
 
 /// Options of `omnibus-sim paper`.
 #[derive(Args)]
+#[command(after_help = "Examples:
+  omnibus-sim paper --list
+  omnibus-sim paper table-6
+  omnibus-sim paper all --out target/paper")]
 pub struct Paper {
     /// Name of an experiment, or all.
     name: Option<String>,

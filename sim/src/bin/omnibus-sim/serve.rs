@@ -35,6 +35,10 @@ const HELD: Duration = Duration::from_micros(20);
 
 /// Options of `omnibus-sim serve`.
 #[derive(Args)]
+#[command(after_help = "Examples:
+  omnibus-sim serve groups/tcc-2.toml --lockstep 127.0.0.1:7701 --pose-tcp 127.0.0.1:7702
+  omnibus-sim serve groups/tcc-3.toml --slcan-tcp 127.0.0.1:7701 --fault t=5:node=3:power-cycle
+  omnibus-sim serve groups/tcc-3.toml --log bus.log --duration 2 --speed max")]
 pub struct Serve {
     /// The group file.
     group: PathBuf,
@@ -64,7 +68,7 @@ pub struct Serve {
         hide_env_values = true
     )]
     speed: Speed,
-    /// Ends after this much virtual time; by default at Ctrl-C.
+    /// Ends after this much virtual time, s; by default at Ctrl-C.
     #[arg(long, value_name = "SECONDS")]
     duration: Option<f64>,
     /// Seed to use instead of the group file's.
@@ -138,8 +142,8 @@ pub fn serve(arguments: &Serve) -> anyhow::Result<()> {
     let mut endpoints = arguments.endpoints.open(&group)?;
     if endpoints.is_empty() && arguments.duration.is_none() && arguments.log.is_none() {
         bail!(
-            "no program could reach these robots; give an endpoint, --lockstep 127.0.0.1:7701 for \
-             one, or --duration or --log to let them be by themselves"
+            "no program could reach these robots; give an endpoint, for example --lockstep \
+             127.0.0.1:7701, or --duration or --log to run without clients"
         );
     }
     for endpoint in &endpoints {
@@ -266,7 +270,7 @@ fn end(duration: Option<f64>) -> anyhow::Result<Micros> {
         None => Ok(Micros(u64::MAX / 1_000)),
         // Some centuries fit.
         Some(s) if s > 0.0 && s < 1e9 => Ok(Micros((s * 1e6).ceil() as u64)),
-        Some(s) => bail!("--duration {s}: give a number of seconds above 0"),
+        Some(s) => bail!("--duration {s:?}: give more than 0 s and less than 1e9 s"),
     }
 }
 

@@ -18,6 +18,8 @@ const RAMP: f64 = 2.0;
 
 /// Options of `omnibus-sim study`.
 #[derive(Args)]
+#[command(after_help = "Example:
+  omnibus-sim study groups/tcc-3.toml --groups 1000")]
 pub struct Arguments {
     /// The group file.
     group: PathBuf,

@@ -2,8 +2,8 @@
 //!
 //! A loaded wheel settles, so its rim touches the floor over some angle to both sides of its lowest
 //! place. It presses as a bed of springs would, by a parabola: most in the middle, nothing at the
-//! ends. Where two rollers meet within that angle both carry, each what presses on its side. So a
-//! roller takes over little by little, and keeps its axle's direction while it does.
+//! ends. Where two rollers meet within that angle both carry the load, each on its side. So the
+//! load passes to the next roller gradually, while each axle keeps its direction.
 
 use std::f64::consts::TAU;
 

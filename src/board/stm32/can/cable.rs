@@ -73,8 +73,8 @@ impl Can {
     }
 
     /// Passes a frame of the cable on to the bus. The robot itself receives it when it has left;
-    /// alone, at once. `None` while there is no free mailbox, of which the bus task is told;
-    /// `false` when the robot has no room for it.
+    /// alone, at once. `None` while there is no free mailbox, which the bus task learns; `false`
+    /// when the robot has no room for it.
     pub fn pass_on(&mut self, frame: &Frame) -> Option<bool> {
         cortex_m::interrupt::free(|_| {
             if JOINED.load(Ordering::Relaxed) {

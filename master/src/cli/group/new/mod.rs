@@ -10,8 +10,9 @@
 //! - efficiency of the gear `T / (k (I - i))` from the stall torque T, which lessens what
 //!   accelerates the robot, so the inertia is divided by it.
 //!
-//! What is said twice must agree: a motor that gives more power than it takes was misread, and the
-//! error says so. All of it is a start; `omnibus identify-motors` measures the motor itself.
+//! Values that determine each other must agree: a motor that gives more power than it takes was
+//! misread, and the error says so. All of these are starting values; `omnibus identify-motors`
+//! measures the motor itself.
 
 use std::io::{BufRead as _, IsTerminal as _};
 use std::path::PathBuf;
@@ -36,7 +37,7 @@ const EXAMPLES: &str = "Examples:
       --stall-torque 14kg.cm --stall-current 5.5A --counts 64 --gear-ratio 30
 
 On a terminal it asks for everything that the options do not give. Numbers may have a unit: m, cm, mm, in; V; A, mA;
-N.m, kg.cm, oz.in; rpm, rad/s; kg, g. The motor's data are those of the gear's output shaft.";
+N.m, kg.cm, oz.in; rpm, rad/s; kg, g. Motor data are those at the output shaft of the gear.";
 
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
@@ -52,8 +53,8 @@ pub struct Arguments {
     /// Number of the group on the bus.
     #[arg(long, default_value_t = 1)]
     group_id: u8,
-    /// Where a robot is in the group: x ahead, y left, and heading in degrees if it is not 0. Once
-    /// for each robot; nodes are given from 2.
+    /// Position of a robot in the group: x ahead, y left, and heading in degrees if it is not 0.
+    /// Repeat for each robot; node ids count up from 2.
     #[arg(
         long = "robot",
         value_name = "X,Y[,DEGREES]",
@@ -210,8 +211,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         print_line(format_args!("warning: {warning}"))?;
     }
     print_line(format_args!(
-        "{shown} is written. The motor is worked out from its data sheet; with the wheels free, \
-         `omnibus identify-motors --accept --save` measures it."
+        "{shown} is written. Its motor values are calculated from the data sheet; with the wheels \
+         free, `omnibus identify-motors --accept --save` measures them."
     ))
 }
 

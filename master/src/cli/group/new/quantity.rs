@@ -52,7 +52,7 @@ pub(super) fn quantity(text: &str, units: Units, zero: bool) -> Result<f64, Stri
         (None, true) => units[0].1,
         (None, false) => {
             return Err(format!(
-                "\"{unit}\" is none of its units: {}",
+                "\"{unit}\" is not one of its units: {}",
                 names.join(", ")
             ));
         }
