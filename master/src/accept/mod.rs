@@ -21,6 +21,7 @@ pub mod faults;
 pub mod floor;
 pub mod hand;
 pub mod records;
+pub mod told;
 
 use acceptance::{Bound, Check};
 

@@ -116,8 +116,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     // after every check, so that Ctrl-C or a board that dies leaves what was measured.
     let keep = |checks: &[Check], ended: bool| -> anyhow::Result<()> {
         let mut subject = subject.clone();
-        if let Some(revision) = level_one::revision(checks) {
-            subject.chip = format!("{}, {revision}", subject.chip);
+        if let Some(chip) = level_one::chip(checks) {
+            let emulated = if subject.hardware { "" } else { ", emulated" };
+            subject.chip = format!("{chip}{emulated}");
         }
         if !ended {
             subject.limits.insert(0, ENDED_EARLY.to_owned());
@@ -173,15 +174,15 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
 
 /// What is tried.
 fn subject(arguments: &Arguments, mutation: Option<&Mutation>) -> Subject {
-    let hardware = arguments.bus.is_some();
-    let (board, chip) = match hardware {
-        true => ("NUCLEO-F446RE", "STM32F446RE"),
-        false => ("NUCLEO-F446RE, emulated", "STM32F446RE, emulated"),
+    let hardware = arguments.bus.as_ref().is_some_and(|bus| !bus.waits());
+    let board = match hardware {
+        true => "NUCLEO-F446RE",
+        false => "NUCLEO-F446RE, emulated",
     };
     Subject {
         level: 1,
         board: board.to_owned(),
-        chip: chip.to_owned(),
+        chip: "not read".to_owned(),
         versions: env!("CARGO_PKG_VERSION").to_owned(),
         date: report::today(),
         hardware,
