@@ -53,9 +53,10 @@ const BROKEN: u8 = 6;
 
 /// Options of `cargo xtask accept`.
 #[derive(clap::Args)]
+#[command(group(clap::ArgGroup::new("board").required(true).args(["bus", "emulated", "wiring"])))]
 pub struct Arguments {
     /// Measures an emulated board with virtual wires.
-    #[arg(long, required_unless_present_any = ["bus", "wiring"], conflicts_with = "bus")]
+    #[arg(long)]
     emulated: bool,
     /// Puts the emulated board behind an emulated serial adapter, in real time: the way to a real
     /// board, tried without one.
@@ -63,7 +64,7 @@ pub struct Arguments {
     #[arg(long, requires = "emulated")]
     serial: bool,
     /// Writes a picture of the jumper wires and measures nothing.
-    #[arg(long, value_name = "FILE.svg", conflicts_with_all = ["bus", "emulated"])]
+    #[arg(long, value_name = "FILE.svg")]
     wiring: Option<PathBuf>,
     /// Measures the board on this bus, given as for `omnibus --bus`: slcan:DEVICE and so on.
     #[arg(long, value_name = "BUS")]
@@ -273,7 +274,8 @@ fn paths(arguments: &Arguments) -> anyhow::Result<Paths> {
 fn images(arguments: &Arguments) -> anyhow::Result<Images> {
     let paths = paths(arguments)?;
     let load = |path: &Path| {
-        Firmware::load(path).with_context(|| format!("cannot use {}", path.display()))
+        // Its error names the file.
+        Firmware::load(path).map_err(|error| anyhow::anyhow!("cannot use {error}"))
     };
     Ok(Images {
         self_test: load(&paths.self_test)?,
