@@ -63,6 +63,23 @@ pub struct Options {
     pub skip: Vec<String>,
 }
 
+/// What a trial of these robots can leave out, by the names of checks.
+#[must_use]
+pub fn names(level: u8, nodes: &[u8]) -> Vec<String> {
+    if level == 3 {
+        return floor::CURVES
+            .iter()
+            .flat_map(|(_, curve, figures)| figures.iter().map(move |of| floor::name(curve, *of)))
+            .collect();
+    }
+    let of_nodes = |area: &'static str| nodes.iter().map(move |node| format!("{area}.{node}"));
+    let faults = faults::cases::CASES.iter().map(|case| faults::name(case.0));
+    of_nodes("wheels")
+        .chain(of_nodes("motors"))
+        .chain(faults)
+        .collect()
+}
+
 /// A group while it is being tried.
 pub struct Trial<'a, L: Link, H> {
     group: &'a mut Group<L>,
@@ -116,7 +133,10 @@ impl<L: Link, H: Hand<L>> Trial<'_, L, H> {
         self.group.configure(true)?;
         self.wheels()?;
         self.motors()?;
-        self.faults()
+        self.faults()?;
+        // What was left out last as well.
+        self.show_found();
+        Ok(())
     }
 
     /// Shows what was found so far.

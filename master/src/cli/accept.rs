@@ -98,6 +98,15 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         subject: subject(arguments, &group),
         checks: Vec::new(),
     };
+    let nodes: Vec<u8> = group.robots.iter().map(|robot| robot.node).collect();
+    let names = accept::names(arguments.level, &nodes);
+    let mut skips = arguments.skip.iter();
+    if let Some(skip) = skips.find(|skip| !names.iter().any(|name| name.starts_with(*skip))) {
+        usage!(
+            "--skip {skip}: no check begins like that; there are {}",
+            names.join(", ")
+        );
+    }
     findings.check_folder()?;
     let done = match arguments.level {
         2 => on_stands(arguments, &group, &mut findings),
@@ -444,8 +453,15 @@ impl Driver<'_> {
             "asked {asked:+.3} {what}; measured (Enter skips it):"
         ));
         let percent = loop {
-            let line = answers.recv().map_err(|_| MasterError::NoAnswer)?;
-            self.abort.check()?;
+            let line = loop {
+                match answers.recv_timeout(LOOK) {
+                    Ok(line) => break line,
+                    Err(RecvTimeoutError::Timeout) => self.abort.check()?,
+                    Err(RecvTimeoutError::Disconnected) => {
+                        return Err(MasterError::NoAnswer.into());
+                    }
+                }
+            };
             match line.trim().parse::<f64>() {
                 _ if line.trim().is_empty() => break None,
                 Ok(measured) if measured.is_finite() => {
