@@ -1,8 +1,8 @@
 //! The report: JSON for machines, HTML for people, a line of text for the terminal.
 //!
-//! The page is one self-contained file in the dress of the other reports. A figure of an emulated
-//! or simulated run says so in the heading and in `hardware: false`; nothing here can make a
-//! report of hardware of it.
+//! The page is one self-contained file in the dress of the other reports. An emulated or simulated
+//! run says so in the heading and in `hardware: false`. What it cannot know: a bus that another
+//! process simulates in real time looks like a real one.
 
 use std::fmt::Write as _;
 
@@ -188,15 +188,15 @@ pub fn html(subject: &Subject, checks: &[Check]) -> String {
     let mut out = begin(&format!("Omnibus: {heading}"), &heading);
     let _ = write!(
         out,
-        "<p class=\"lead\"><code>{}</code>, {}, {}, {}{}</p><p><b>{}</b></p>",
+        "<p class=\"lead\"><code>{}</code>, {}{}<br>chip: {}<br>versions: {}</p><p><b>{}</b></p>",
         escape(&subject.board),
-        escape(&subject.chip),
-        escape(&subject.versions),
         escape(&subject.date),
         match &subject.mutation {
             Some(mutation) => format!(", with the defect <code>{}</code>", escape(mutation)),
             None => String::new(),
         },
+        escape(&subject.chip),
+        escape(&subject.versions),
         if subject.hardware {
             "Measured on hardware."
         } else {
