@@ -30,8 +30,8 @@ use robot::record_store::Flash as _;
 use crate::board::pin::{Pin, Pull};
 use crate::board::probe::{self, Bits, Signals, Wave};
 use crate::board::{
-    Board, Encoders, Meters, Outputs, ParameterFlash, calibrate_meters, executors, now, patiently,
-    reset,
+    Board, Encoders, Meters, Outputs, ParameterFlash, calibrate_meters, chip, executors, now,
+    patiently, reset,
 };
 use crate::gateway::Gateway;
 use crate::wake;
@@ -325,7 +325,7 @@ impl Bench {
             (CLOCK, 1) => (now().0 as u32, 4),
             (CLOCK, 2) => (probe::core_hz(), 4),
             (CLOCK, 3) => (u32::from(probe::over_drive()), 1),
-            (CHIP, 1) => (probe::chip(), 4),
+            (CHIP, 1) => (chip(), 4),
             (FLASH, 2) => (self.flash_times.erase, 4),
             (FLASH, 3) => (self.flash_times.word, 4),
             (FLASH, 4) => (u32::from(self.flash_times.wrong), 2),

@@ -11,7 +11,7 @@ use robot::{BusSide, IMAGE_MAX, Identity, Stored, stored_node};
 use static_cell::{ConstStaticCell, StaticCell};
 
 use crate::board::post_mortem::{self, Failure};
-use crate::board::{Board, Can, Led, ParameterFlash, ResetCause, executors, now};
+use crate::board::{self, Board, Can, Led, ParameterFlash, ResetCause, executors, now};
 use crate::gateway::Gateway;
 use crate::update::{self, Updates};
 use crate::watchdog::Guard;
@@ -117,6 +117,7 @@ fn prepare() -> Parts {
         } else {
             Identity::FIRMWARE
         },
+        chip: board::chip(),
         clock_wait_ms: board.clock_wait_ms,
         brown_out_level: board.brown_out_level,
         output_stages: board.output_stages,

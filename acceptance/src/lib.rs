@@ -12,6 +12,7 @@
 pub mod bench;
 pub mod causes;
 pub mod check;
+pub mod chip;
 pub mod covered;
 #[cfg(feature = "emulated")]
 pub mod emulated;

@@ -1,8 +1,8 @@
 //! The report: JSON for machines, HTML for people, a line of text for the terminal.
 //!
-//! The page is one self-contained file in the dress of the other reports. A figure of an emulated
-//! or simulated run says so in the heading and in `hardware: false`; nothing here can make a
-//! report of hardware of it.
+//! The page is one self-contained file in the dress of the other reports. An emulated or simulated
+//! run says so in the heading and in `hardware: false`. What it cannot know: a bus that another
+//! process simulates in real time looks like a real one.
 
 use std::fmt::Write as _;
 
@@ -142,14 +142,22 @@ pub fn expect(checks: &mut [Check], emulated: &Value) {
     }
 }
 
-/// A number with as many digits as it needs, six at most behind the point.
+/// Digits of a figure: enough to tell it from a bound that it misses narrowly.
+const DIGITS: i32 = 8;
+
+/// A number with as many digits as it needs, [`DIGITS`] at most, and six of them behind the point.
 #[must_use]
 pub fn figure(value: Option<f64>) -> String {
     let Some(value) = value else {
         return "-".to_owned();
     };
-    let text = format!("{value:.6}");
-    text.trim_end_matches('0').trim_end_matches('.').to_owned()
+    let before_point = value.abs().max(1.0).log10() as i32 + 1;
+    let behind = (DIGITS - before_point).clamp(0, 6) as usize;
+    let text = format!("{value:.behind$}");
+    match text.contains('.') {
+        true => text.trim_end_matches('0').trim_end_matches('.').to_owned(),
+        false => text,
+    }
 }
 
 /// One line of text for a check.
@@ -180,15 +188,15 @@ pub fn html(subject: &Subject, checks: &[Check]) -> String {
     let mut out = begin(&format!("Omnibus: {heading}"), &heading);
     let _ = write!(
         out,
-        "<p class=\"lead\"><code>{}</code>, {}, {}, {}{}</p><p><b>{}</b></p>",
+        "<p class=\"lead\"><code>{}</code>, {}{}<br>chip: {}<br>versions: {}</p><p><b>{}</b></p>",
         escape(&subject.board),
-        escape(&subject.chip),
-        escape(&subject.versions),
         escape(&subject.date),
         match &subject.mutation {
             Some(mutation) => format!(", with the defect <code>{}</code>", escape(mutation)),
             None => String::new(),
         },
+        escape(&subject.chip),
+        escape(&subject.versions),
         if subject.hardware {
             "Measured on hardware."
         } else {
@@ -247,15 +255,17 @@ fn table<'a>(
     for check in checks {
         let mut note = escape(check.procedure);
         if !check.note.is_empty() {
-            let _ = write!(note, ". <b>{}</b>", escape(&check.note));
+            let dot = if note.is_empty() { "" } else { ". " };
+            let _ = write!(note, "{dot}<b>{}</b>", escape(&check.note));
         }
         let _ = write!(
             rows,
             "<tr><td>{}<br><span style=\"color:#5b6673;font-size:13px\">{note}<br>{}</span></td>\
-             <td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
+             <td style=\"white-space:nowrap\">{}</td><td>{}</td><td>{}</td>\
+             <td style=\"text-align:left\">{}</td></tr>",
             escape(&check.name),
             escape(&check.source),
-            escape(&check.promised.to_string()),
+            escape(&check.promised.to_string()).replace("+-", "±"),
             figure(check.expected),
             figure(check.measured),
             escape(check.unit),
@@ -265,7 +275,8 @@ fn table<'a>(
         let _ = write!(
             out,
             "<h2>{title}</h2><table><thead><tr><th>promise</th><th>promised</th><th>{expected}</th>\
-             <th>measured</th><th>unit</th></tr></thead><tbody>{rows}</tbody></table>"
+             <th>measured</th><th style=\"text-align:left\">unit</th></tr></thead>\
+             <tbody>{rows}</tbody></table>"
         );
     }
 }
@@ -282,6 +293,20 @@ mod tests {
         assert_eq!(date(20_453), "2025-12-31");
         assert_eq!(date(20_454), "2026-01-01");
         assert_eq!(date(47_541), "2100-03-01");
+    }
+
+    #[test]
+    fn a_figure_has_eight_digits_at_most() {
+        for (value, text) in [
+            (19_996.667_222, "19996.667"),
+            (0.085_123_456, "0.085123"),
+            (1_000_000.0, "1000000"),
+            (-1.5, "-1.5"),
+            (0.0, "0"),
+        ] {
+            assert_eq!(figure(Some(value)), text);
+        }
+        assert_eq!(figure(None), "-");
     }
 
     #[test]

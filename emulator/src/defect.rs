@@ -33,6 +33,8 @@ pub enum Defect {
     ProgramSlow(u64),
     /// The caches and the prefetch buffer of the flash have no effect.
     Caches,
+    /// The floating-point unit takes this times as long for a division or a square root.
+    Division(u64),
     /// Over-drive comes on, and goes off by itself 100 ms later.
     OverDrive,
     /// A bit that the CAN controller sends lasts this times as long as its registers say.
@@ -90,6 +92,14 @@ impl Defects {
     pub(crate) fn program_factor(&self) -> u64 {
         self.factor(|defect| match *defect {
             Defect::ProgramSlow(times) => Some(times),
+            _ => None,
+        })
+    }
+
+    /// How many times as long a division takes.
+    pub(crate) fn division_factor(&self) -> u64 {
+        self.factor(|defect| match *defect {
+            Defect::Division(times) => Some(times),
             _ => None,
         })
     }

@@ -7,7 +7,7 @@ use kinematics::{Pose, VelocityCompensation};
 use omnibus::abort::Abort;
 use omnibus::accept::floor::{Errors, Floor, level_three};
 use omnibus::accept::hand::{Hand, Prepared, Task};
-use omnibus::accept::{AcceptError, Options, Step, level_two};
+use omnibus::accept::{AcceptError, Options, Step, level_two, names};
 use omnibus::error::MasterError;
 use omnibus::path::course::Course;
 use omnibus::path::curve::Curve;
@@ -230,7 +230,18 @@ fn what_is_left_out_is_not_tried_and_says_so() {
     let mut session = session(&file);
     let skip = ["wheels", "motors.2", "fault"].map(str::to_owned).to_vec();
     let options = Options { skip, ..options() };
-    let checks = level_two(&mut session, &mut Injection, &options, &mut |_| {}).unwrap();
+    let mut shown = 0;
+    let mut show = |step: Step<'_>| {
+        if let Step::Found(checks) = step {
+            shown = checks.len();
+        }
+    };
+    let checks = level_two(&mut session, &mut Injection, &options, &mut show).unwrap();
+    assert_eq!(shown, checks.len(), "the report has what was shown");
+    for name in names(2, &[2, 3]) {
+        let found = checks.iter().filter(|check| check.name == name);
+        assert_eq!(found.count(), 1, "{name}");
+    }
     assert_eq!(outcome(&checks, Outcome::Kept), ["motors.3"]);
     assert_eq!(outcome(&checks, Outcome::Missed), [""; 0]);
     assert!(
@@ -356,8 +367,23 @@ fn a_calibrated_group_keeps_level_three_and_another_does_not() {
         ];
         robot.compensation = VelocityCompensation::new(ahead, aside, about).unwrap();
     }
-    let checks = level_three(&mut floor, &["floor.turn".to_owned()], &mut |_| {}).unwrap();
+    let skip = ["floor.turn".to_owned(), "floor.figure".to_owned()];
+    let mut shown = 0;
+    let mut show = |step: Step<'_>| {
+        if let Step::Found(checks) = step {
+            shown = checks.len();
+        }
+    };
+    let checks = level_three(&mut floor, &skip, &mut show).unwrap();
+    assert_eq!(shown, checks.len(), "the report has what was shown");
     let missed = outcome(&checks, Outcome::Missed);
-    assert_eq!(missed, ["floor.strafe.aside", "floor.figure_eight.aside"]);
-    assert_eq!(outcome(&checks, Outcome::NotTried), ["floor.turn.turned"]);
+    assert_eq!(missed, ["floor.strafe.aside"]);
+    assert_eq!(
+        outcome(&checks, Outcome::NotTried),
+        [
+            "floor.turn.turned",
+            "floor.figure_eight.ahead",
+            "floor.figure_eight.aside"
+        ]
+    );
 }

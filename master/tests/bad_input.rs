@@ -115,6 +115,15 @@ fn usage_errors_exit_with_2() {
             "sim:groups/tcc-3.toml",
         ],
         &["drive", "--for", "0", "--bus", "sim:groups/tcc-3.toml"],
+        // What is to be left out, misspelt, must not be tried instead.
+        &[
+            "accept",
+            "--wheels-free",
+            "--skip",
+            "falt.14",
+            "--bus",
+            "sim:groups/tcc-3.toml",
+        ],
         &["calibrate", "--save", "--bus", "sim:groups/tcc-3.toml"],
     ] {
         assert_eq!(omnibus(arguments).status.code(), Some(2), "{arguments:?}");

@@ -280,3 +280,28 @@ fn ctrl_c_in_an_acceptance_keeps_what_was_found() {
     let (ended, _, kept) = trial(usize::MAX);
     assert_eq!((ended.code, kept), (Some(0), all.to_vec()));
 }
+
+/// A question for a measure waits for a person, not for a line alone.
+#[test]
+fn ctrl_c_at_a_question_ends_an_acceptance() {
+    let (_served, bus) = serve();
+    let bus = format!("lockstep://{bus}");
+    let mut child = Command::new(env!("CARGO_BIN_EXE_omnibus"))
+        .args(["accept", "--level", "3", "--tape", "--bus", &bus])
+        .args(["--group", "groups/tcc-2.toml"])
+        .current_dir(root())
+        .stdin(Stdio::piped())
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let notes = BufReader::new(child.stderr.take().unwrap()).lines();
+    let mut notes = notes.map_while(Result::ok);
+    assert!(notes.any(|note| note.contains("Enter skips it")));
+    let id = child.id().to_string();
+    let killed = Command::new("kill").args(["-INT", &id]).status().unwrap();
+    assert!(killed.success());
+    // The rest of its notes, until it ends; the standard input is open all the while.
+    assert!(notes.any(|note| note.contains("stopped on request")));
+    assert_eq!(child.wait().unwrap().code(), Some(130));
+}

@@ -20,6 +20,8 @@ pub struct Identity {
     pub firmware: u32,
     /// Why the processor started, object 0x2001:3.
     pub reset_cause: u8,
+    /// Device and revision of the microcontroller, object 0x2001:6; 0 where it does not tell.
+    pub chip: u32,
     /// How long the start waited for clock and supply, ms, object 0x2127:1.
     pub clock_wait_ms: u16,
     /// Level of the brown-out reset, object 0x2127:2.
@@ -63,6 +65,7 @@ impl Identity {
             serial,
             firmware: Self::FIRMWARE,
             reset_cause: 0,
+            chip: 0,
             clock_wait_ms: 0,
             brown_out_level: 3,
             storage: false,

@@ -68,7 +68,7 @@ pub use {
     stm32::iwdg::{Watchdog, patiently},
     stm32::outputs::Outputs,
     stm32::tick::{TickMutex, TickTimer},
-    stm32::{Board, Led, Lines, reset},
+    stm32::{Board, Led, Lines, chip, reset},
 };
 
 /// Why the chip was reset, with the numbers of the object "reset cause".

@@ -236,6 +236,12 @@ pub const MUTATIONS: &[Mutation] = &[
         "load.at_rest",
         Defect::Caches,
     ),
+    defect(
+        "divisions-slow",
+        "a division in floating point takes fifty times as long",
+        "load.driving",
+        Defect::Division(50),
+    ),
     Mutation {
         name: "stack-deep",
         what: "something writes 24 KiB down the stack",

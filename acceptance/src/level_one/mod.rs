@@ -21,6 +21,7 @@ use protocol::self_test::{CHIP, FAIL, LEVELS, NAME, PIN, RESET};
 
 use crate::bench::{Bench, Image};
 use crate::check::{Bound, Check};
+use crate::chip;
 use crate::node::Node;
 use crate::promise::{self, ACCEPTANCE, Promise};
 use crate::wires;
@@ -217,9 +218,9 @@ pub fn run_reporting(
     Ok(session.checks)
 }
 
-/// The revision of the chip, if it was read: `revision 0x1000`.
+/// Chip and revision, if they were read: `STM32F446, revision 0x1000`.
 #[must_use]
-pub fn revision(checks: &[Check]) -> Option<&str> {
+pub fn chip(checks: &[Check]) -> Option<&str> {
     let chip = checks.iter().find(|check| check.name == "chip")?;
     Some(&chip.note)
         .filter(|note| !note.is_empty())
@@ -268,7 +269,7 @@ impl Session<'_> {
         };
         self.check(what, Ok((code & 0xFFF).into()));
         if let Some(check) = self.checks.last_mut() {
-            check.note = format!("revision 0x{:04X}", code >> 16);
+            check.note = chip::describe(code);
         }
         Ok(())
     }

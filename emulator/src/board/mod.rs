@@ -27,7 +27,7 @@ use crate::bmi088::Bmi088;
 use crate::can::port::Which;
 use crate::can::{Can, CanFrame, CanPort};
 use crate::chip::Chip;
-use crate::defect::Defect;
+use crate::defect::{Defect, Defects};
 use crate::fast::Fast;
 use crate::firmware::Firmware;
 use crate::memory_map::{FLASH_BASE, RAM_BASE};
@@ -160,6 +160,8 @@ impl Board {
         cpu.attach_space(Arc::new(space));
         shared.attach(&cpu);
         let log = Log::new(Arc::clone(&ram), firmware);
+        let mut fast = Fast::new(Arc::clone(firmware.code()));
+        fast.set_division_factor(Defects::new(&config.defects).division_factor());
         Self {
             firmware: firmware.clone(),
             config,
@@ -168,7 +170,7 @@ impl Board {
             ram,
             flash,
             log,
-            fast: Fast::new(Arc::clone(firmware.code())),
+            fast,
             now: 0,
             asleep: false,
             halted: false,

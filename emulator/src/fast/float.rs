@@ -182,7 +182,7 @@ impl Core {
                     UnaryOp::Sqrt => {
                         let value = self.square_root(a);
                         self.fpu.set_s(d, value);
-                        self.cycles += 13;
+                        self.cycles += self.division;
                     }
                     _ => return Err(Leave),
                 }
@@ -299,7 +299,7 @@ impl Core {
             DataOp::Mul => self.product(b, c),
             DataOp::Nmul => fp::neg(self.product(b, c)),
             DataOp::Div => {
-                self.cycles += 13;
+                self.cycles += self.division;
                 self.quotient(b, c)
             }
             // Two operations, each rounded.

@@ -74,6 +74,8 @@ const NPRIV: u32 = 1;
 /// CCR: traps on unaligned accesses and on division by zero.
 const UNALIGN_TRP: u32 = 1 << 3;
 const DIV_0_TRP: u32 = 1 << 4;
+/// Cycles of a division or a square root in floating point (Cortex-M4 TRM, table 7-1).
+const DIVISION: u64 = 14;
 
 /// The fast path of one board.
 #[derive(Debug)]
@@ -103,6 +105,8 @@ struct Core {
     /// and what it has.
     fp_loaded: bool,
     fp_given: Fpu,
+    /// Cycles of a division or a square root beyond the first.
+    division: u64,
     exclusive: Option<u32>,
     /// An exception waits for its turn, and PRIMASK was cleared.
     waiting: bool,
@@ -122,6 +126,11 @@ impl Fast {
             code: Code::new(image),
             core: Core::new(family),
         }
+    }
+
+    /// Makes a division or a square root in floating point take this times as long.
+    pub(crate) fn set_division_factor(&mut self, times: u64) {
+        self.core.division = DIVISION * times - 1;
     }
 
     /// The reference core may have changed floating-point registers. Between two sessions without
@@ -199,6 +208,7 @@ impl Core {
             fp_usable: false,
             fp_loaded: false,
             fp_given: Fpu::new(),
+            division: DIVISION - 1,
             exclusive: None,
             waiting: false,
             unmasked: false,

@@ -93,6 +93,11 @@ pub trait Floor {
     fn predict(&mut self, curve: Curve, compensation: bool) -> Result<Option<Errors>, DriveError>;
 }
 
+/// The name of a check.
+pub(super) fn name(curve: &str, figure: Figure) -> String {
+    format!("floor.{curve}.{}", figure.name())
+}
+
 /// Level 3.
 ///
 /// # Errors
@@ -107,7 +112,7 @@ pub fn level_three(
     for (curve, name, figures) in CURVES {
         let names: Vec<_> = figures
             .iter()
-            .map(|figure| (*figure, format!("floor.{name}.{}", figure.name())))
+            .map(|figure| (*figure, self::name(name, *figure)))
             .collect();
         let bound = Bound::Near(0.0, promise.value);
         let left_out = |wanted: &str| skip.iter().any(|skip| wanted.starts_with(skip.as_str()));
@@ -131,6 +136,8 @@ pub fn level_three(
         }
         show(Step::Found(&checks));
     }
+    // What was left out last as well.
+    show(Step::Found(&checks));
     Ok(checks)
 }
 

@@ -21,6 +21,7 @@ pub mod faults;
 pub mod floor;
 pub mod hand;
 pub mod records;
+pub mod told;
 
 use acceptance::{Bound, Check};
 
@@ -60,6 +61,23 @@ pub struct Options {
     pub speed: f32,
     /// Names of checks that are left out, or how these begin.
     pub skip: Vec<String>,
+}
+
+/// What a trial of these robots can leave out, by the names of checks.
+#[must_use]
+pub fn names(level: u8, nodes: &[u8]) -> Vec<String> {
+    if level == 3 {
+        return floor::CURVES
+            .iter()
+            .flat_map(|(_, curve, figures)| figures.iter().map(move |of| floor::name(curve, *of)))
+            .collect();
+    }
+    let of_nodes = |area: &'static str| nodes.iter().map(move |node| format!("{area}.{node}"));
+    let faults = faults::cases::CASES.iter().map(|case| faults::name(case.0));
+    of_nodes("wheels")
+        .chain(of_nodes("motors"))
+        .chain(faults)
+        .collect()
 }
 
 /// A group while it is being tried.
@@ -115,7 +133,10 @@ impl<L: Link, H: Hand<L>> Trial<'_, L, H> {
         self.group.configure(true)?;
         self.wheels()?;
         self.motors()?;
-        self.faults()
+        self.faults()?;
+        // What was left out last as well.
+        self.show_found();
+        Ok(())
     }
 
     /// Shows what was found so far.

@@ -16,16 +16,17 @@ use group::GroupFile;
 use omnibus::abort::Abort;
 use omnibus::accept::floor::{Errors, Floor, level_three};
 use omnibus::accept::hand::{Hand, Prepared, Task};
+use omnibus::accept::told::Told;
 use omnibus::accept::{self, Step, level_two};
 use omnibus::bus::address::BusAddress;
 use omnibus::bus::link::Link;
+use omnibus::bus::wire::Wire;
 use omnibus::error::MasterError;
 use omnibus::file;
 use omnibus::path::course::Course;
 use omnibus::path::curve::Curve;
 use omnibus::run::{self, Drive, DriveError, Feedback, Source};
 use omnibus::session::Group;
-use protocol::{Kind, address};
 
 use super::output::{Found, Progress, exit_code};
 use super::{Target, print_line, print_note};
@@ -94,9 +95,18 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let group = arguments.target.group()?;
     let mut findings = Findings {
         arguments,
-        subject: subject(arguments, &group, "not read"),
+        subject: subject(arguments, &group),
         checks: Vec::new(),
     };
+    let nodes: Vec<u8> = group.robots.iter().map(|robot| robot.node).collect();
+    let names = accept::names(arguments.level, &nodes);
+    let mut skips = arguments.skip.iter();
+    if let Some(skip) = skips.find(|skip| !names.iter().any(|name| name.starts_with(*skip))) {
+        usage!(
+            "--skip {skip}: no check begins like that; there are {}",
+            names.join(", ")
+        );
+    }
     findings.check_folder()?;
     let done = match arguments.level {
         2 => on_stands(arguments, &group, &mut findings),
@@ -139,6 +149,15 @@ struct Findings<'a> {
 }
 
 impl Findings<'_> {
+    /// Asks the robots what they are.
+    fn ask<L: Link>(&mut self, wire: &mut Wire<L>, group: &GroupFile) -> Result<(), MasterError> {
+        let nodes = group.robots.iter().map(|robot| robot.node);
+        let told = Told::by(wire, nodes, !self.subject.hardware)?;
+        self.subject.chip = told.chip;
+        self.subject.versions = versions(&told.firmware);
+        Ok(())
+    }
+
     /// Takes in what was found so far; a report that cannot be written is said and does not end
     /// the trial.
     fn so_far(&mut self, checks: &[Check]) {
@@ -202,40 +221,30 @@ impl Findings<'_> {
     }
 }
 
+/// The versions of this program and of the robots' firmware.
+fn versions(firmware: &str) -> String {
+    format!("omnibus {}, {firmware}", env!("CARGO_PKG_VERSION"))
+}
+
 /// What was tried.
-fn subject(arguments: &Arguments, group: &GroupFile, firmware: &str) -> Subject {
-    let simulated = matches!(arguments.target.bus, BusAddress::Sim(_));
+fn subject(arguments: &Arguments, group: &GroupFile) -> Subject {
+    let simulated = arguments.target.bus.waits();
     let robots = group.robots.len();
-    let chip = match (simulated, arguments.target.backend.word()) {
-        (true, "native") => "native robots, without a chip",
-        (true, _) => "STM32F446RE, emulated",
-        (false, _) => "not read, which level 1 does",
-    };
     Subject {
         level: arguments.level,
         board: format!("{}, {robots} robots", group.name),
-        chip: chip.to_owned(),
-        versions: format!("omnibus {}, firmware {firmware}", env!("CARGO_PKG_VERSION")),
+        chip: "not read".to_owned(),
+        versions: versions("firmware not read"),
         date: report::today(),
         hardware: !simulated,
         mutation: None,
         limits: match simulated {
             true => vec![
-                "the robots, the floor and the hands were the simulator's, and no adapter was used"
-                    .to_owned(),
+                "the robots and the floor were a simulator's, and no adapter was used".to_owned(),
             ],
             false => Vec::new(),
         },
     }
-}
-
-/// The firmware's version as a robot tells it.
-fn firmware<L: Link>(group: &mut Group<L>, node: u8) -> Result<String, MasterError> {
-    let version = group
-        .wire()
-        .read(node, address::FIRMWARE_VERSION, Kind::U32)?;
-    let [_, patch, minor, major] = version.to_bits().to_le_bytes();
-    Ok(format!("{major}.{minor}.{patch}"))
 }
 
 /// Level 2.
@@ -298,8 +307,8 @@ fn stand_by<L: Link, H: Hand<L>>(
     findings: &mut Findings<'_>,
 ) -> anyhow::Result<()> {
     group.set_abort(abort);
-    let firmware = firmware(&mut group, options.watched)?;
-    findings.subject = subject(findings.arguments, group.config(), &firmware);
+    let file = group.config().clone();
+    findings.ask(group.wire(), &file)?;
     let progress = Progress::endless("level 2");
     let mut show = |step: Step<'_>| match step {
         Step::Begins(text) => progress.aside(|| print_note(text)),
@@ -378,17 +387,15 @@ fn on_the_floor(
     if simulated && (arguments.tape || arguments.pose.is_some()) {
         usage!("a simulated floor is measured by the simulator; leave out --tape and --pose");
     }
-    if !simulated {
-        // Refuses a bus that another master commands.
-        drop(arguments.target.command(group)?);
-    }
+    // Refuses a bus that another master commands.
+    let link = arguments.target.command(group)?;
+    findings.ask(&mut Wire::visiting(link), group)?;
     let mut floor = Driver {
         arguments,
         group,
         abort: super::abort_on_ctrl_c()?,
         answers: arguments.tape.then(super::calibrate::tape::answers),
     };
-    findings.subject = subject(arguments, group, "as built");
     let mut show = |step: Step<'_>| match step {
         Step::Begins(text) => print_note(text),
         Step::Found(checks) => findings.so_far(checks),
@@ -446,8 +453,15 @@ impl Driver<'_> {
             "asked {asked:+.3} {what}; measured (Enter skips it):"
         ));
         let percent = loop {
-            let line = answers.recv().map_err(|_| MasterError::NoAnswer)?;
-            self.abort.check()?;
+            let line = loop {
+                match answers.recv_timeout(LOOK) {
+                    Ok(line) => break line,
+                    Err(RecvTimeoutError::Timeout) => self.abort.check()?,
+                    Err(RecvTimeoutError::Disconnected) => {
+                        return Err(MasterError::NoAnswer.into());
+                    }
+                }
+            };
             match line.trim().parse::<f64>() {
                 _ if line.trim().is_empty() => break None,
                 Ok(measured) if measured.is_finite() => {

@@ -22,6 +22,9 @@ records! { IDENTITY_RECORDS:
             "Node that the switches on the board give.";
         NODE_STORED = 5: state("Stored node", "", Kind::U8),
             "Node that was stored by LSS and comes before the switches; 0 for none.";
+        CHIP = 6: state("Chip", "", Kind::U32),
+            "Device number of the microcontroller in the lowest 12 bits, its revision from bit 16 \
+             on (DBGMCU_IDCODE); 0 where the chip does not tell, or there is none.";
     }
     0x2002 "Configuration" {
         CONFIGURATION_STATUS = 1: state("Configuration status", "", Kind::U32),

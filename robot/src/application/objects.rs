@@ -56,6 +56,7 @@ impl Application {
             at::SERIAL_NUMBER => Value::U32(self.identity.serial),
             at::FIRMWARE_VERSION => Value::U32(self.identity.firmware),
             at::RESET_CAUSE => Value::U8(self.identity.reset_cause),
+            at::CHIP => Value::U32(self.identity.chip),
             at::NODE_SWITCHES => Value::U8(self.identity.node_switches),
             at::CLOCK_WAIT => Value::U16(self.identity.clock_wait_ms),
             at::BROWN_OUT_LEVEL => Value::U8(self.identity.brown_out_level),

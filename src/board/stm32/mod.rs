@@ -7,7 +7,7 @@
 //! decisions about a robot. A board whose drivers are not all written is a `sketch` until they are.
 
 use control::time::Micros;
-use embassy_stm32::uid;
+use embassy_stm32::{pac, uid};
 
 #[cfg(not(feature = "sketch"))]
 mod board;
@@ -113,6 +113,12 @@ fn fold(uid: &[u8; 12]) -> u32 {
     uid.iter().fold(0x811C_9DC5, |hash: u32, byte| {
         (hash ^ u32::from(*byte)).wrapping_mul(0x0100_0193)
     })
+}
+
+/// The chip's device number, and its revision from bit 16 on (RM0390 33.6.1, RM0090 38.6.1, RM0008
+/// 31.6.1). An STM32F103 of some revisions tells its program nothing without a debugger: 0.
+pub fn chip() -> u32 {
+    pac::DBGMCU.idcode().read().0
 }
 
 /// Local time since start.

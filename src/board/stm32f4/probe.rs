@@ -302,11 +302,6 @@ pub fn over_drive() -> u8 {
     u8::from(status.odrdy()) | u8::from(status.odswrdy()) << 1 | u8::from(status.vosrdy()) << 2
 }
 
-/// The chip's device number, and its revision from bit 16 on (RM0390 33.6.1).
-pub fn chip() -> u32 {
-    pac::DBGMCU.idcode().read().0
-}
-
 /// Stops the program for good; the watchdog resets the chip.
 pub fn halt() -> ! {
     cortex_m::interrupt::disable();

@@ -53,9 +53,10 @@ const BROKEN: u8 = 6;
 
 /// Options of `cargo xtask accept`.
 #[derive(clap::Args)]
+#[command(group(clap::ArgGroup::new("board").required(true).args(["bus", "emulated", "wiring"])))]
 pub struct Arguments {
     /// Measures an emulated board with virtual wires.
-    #[arg(long, required_unless_present_any = ["bus", "wiring"], conflicts_with = "bus")]
+    #[arg(long)]
     emulated: bool,
     /// Puts the emulated board behind an emulated serial adapter, in real time: the way to a real
     /// board, tried without one.
@@ -63,7 +64,7 @@ pub struct Arguments {
     #[arg(long, requires = "emulated")]
     serial: bool,
     /// Writes a picture of the jumper wires and measures nothing.
-    #[arg(long, value_name = "FILE.svg", conflicts_with_all = ["bus", "emulated"])]
+    #[arg(long, value_name = "FILE.svg")]
     wiring: Option<PathBuf>,
     /// Measures the board on this bus, given as for `omnibus --bus`: slcan:DEVICE and so on.
     #[arg(long, value_name = "BUS")]
@@ -116,8 +117,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     // after every check, so that Ctrl-C or a board that dies leaves what was measured.
     let keep = |checks: &[Check], ended: bool| -> anyhow::Result<()> {
         let mut subject = subject.clone();
-        if let Some(revision) = level_one::revision(checks) {
-            subject.chip = format!("{}, {revision}", subject.chip);
+        if let Some(chip) = level_one::chip(checks) {
+            let emulated = if subject.hardware { "" } else { ", emulated" };
+            subject.chip = format!("{chip}{emulated}");
         }
         if !ended {
             subject.limits.insert(0, ENDED_EARLY.to_owned());
@@ -173,15 +175,15 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
 
 /// What is tried.
 fn subject(arguments: &Arguments, mutation: Option<&Mutation>) -> Subject {
-    let hardware = arguments.bus.is_some();
-    let (board, chip) = match hardware {
-        true => ("NUCLEO-F446RE", "STM32F446RE"),
-        false => ("NUCLEO-F446RE, emulated", "STM32F446RE, emulated"),
+    let hardware = arguments.bus.as_ref().is_some_and(|bus| !bus.waits());
+    let board = match hardware {
+        true => "NUCLEO-F446RE",
+        false => "NUCLEO-F446RE, emulated",
     };
     Subject {
         level: 1,
         board: board.to_owned(),
-        chip: chip.to_owned(),
+        chip: "not read".to_owned(),
         versions: env!("CARGO_PKG_VERSION").to_owned(),
         date: report::today(),
         hardware,
@@ -272,7 +274,8 @@ fn paths(arguments: &Arguments) -> anyhow::Result<Paths> {
 fn images(arguments: &Arguments) -> anyhow::Result<Images> {
     let paths = paths(arguments)?;
     let load = |path: &Path| {
-        Firmware::load(path).with_context(|| format!("cannot use {}", path.display()))
+        // Its error names the file.
+        Firmware::load(path).map_err(|error| anyhow::anyhow!("cannot use {error}"))
     };
     Ok(Images {
         self_test: load(&paths.self_test)?,

@@ -81,20 +81,25 @@ struct Cause {
     open_us: f64,
 }
 
+/// The name of a cause in checks.
+pub(super) fn name(number: u8) -> String {
+    format!("fault.{number:02}")
+}
+
 impl<L: Link, H: Hand<L>> Trial<'_, L, H> {
     /// Tries all causes.
     pub(super) fn faults(&mut self) -> Result<(), AcceptError> {
         for (number, means) in CASES {
-            let name = format!("fault.{number:02}");
+            let name = name(*number);
             let promise = causes::of(*number)?;
             if let Some(reason) = self.left_out(&name, *means) {
-                self.skip_cause(&promise, reason);
+                self.skip_cause(&promise, reason)?;
                 continue;
             }
             (self.show)(Step::Begins(&format!("{number}: {}", promise.cause)));
             match self.fault(&promise, *means) {
                 Ok(None) => {}
-                Ok(Some(reason)) => self.skip_cause(&promise, reason),
+                Ok(Some(reason)) => self.skip_cause(&promise, reason)?,
                 Err(AcceptError::Master(error)) if !ends_all(&error) => {
                     self.group.ramp_down(STOP_PATIENCE_US)?;
                     let what = format!("{name}.reaction");
@@ -128,11 +133,18 @@ impl<L: Link, H: Hand<L>> Trial<'_, L, H> {
         }
     }
 
-    fn skip_cause(&mut self, promise: &Promise, reason: String) {
-        let name = format!("fault.{:02}", promise.number);
+    /// Leaves out a cause, and those that are tried as part of it.
+    fn skip_cause(&mut self, promise: &Promise, reason: String) -> Result<(), AcceptError> {
         let bound = promise.millis.map_or(Bound::Open, Bound::AtMost);
-        let check = not_tried(name, bound, "ms", source(promise), reason);
+        let name = name(promise.number);
+        let check = not_tried(name, bound, "ms", source(promise), reason.clone());
         self.checks.push(check);
+        for (number, means) in CASES {
+            if *means == Means::With(promise.number) && self.left_out("", *means).is_none() {
+                self.skip_cause(&causes::of(*number)?, reason.clone())?;
+            }
+        }
+        Ok(())
     }
 
     /// Tries one cause; a reason when it was left out.
