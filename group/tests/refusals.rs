@@ -367,7 +367,7 @@ fn text_where_a_number_belongs() {
 fn crystals_of_other_robots() {
     assert_eq!(
         refusal("[0, 20]", "[0, 20, 40]"),
-        "pair.toml:27: simulation.crystal_ppm: has 3 values for 2 robots; give one value a robot, \
+        "pair.toml:27: simulation.crystal_ppm: has 3 values for 2 robots; give one value per robot, \
          in their order"
     );
 }
