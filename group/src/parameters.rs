@@ -8,8 +8,8 @@ use protocol::{Address, Value, address, timing};
 
 use crate::model::{CurrentSensor, GroupFile, Robot};
 
-/// What robots permit of the limits of speed: room for what a closed loop and the corrections of a
-/// floor add to a curve.
+/// What robots permit of the limits of speed, a ratio: room for what a closed loop and the
+/// corrections of a floor add to a curve.
 pub const ROOM: f32 = 1.25;
 
 /// A value to be written, under the address it goes to.

@@ -4,15 +4,15 @@
 //! drives anything. What the control loop needs is worked out here: the folded kinematics, signed
 //! angles per count, limits as reciprocals. After this there is nothing left to go wrong.
 
+mod wheel_drives;
+
 use control::brake::BrakeTimes;
 use control::configuration::{Configuration, Thresholds, Times, WheelConfiguration};
 use control::current::CurrentConfiguration;
 use control::drivetrain::{Contact, Drivetrain};
 use control::limiter::ChangeLimits;
-use control::output_stage::OutputStage;
 use control::quantity::{AccelerationGain, Angle, Divider, Rate, Ratio, Voltage};
 use control::rollers::{RollerConfiguration, RollerWheel, Rolling};
-use control::smart_drive::{DriveConfiguration, frames};
 use control::supply::{FULL_SCALE, SupplyConfiguration};
 use control::time::TICK_US;
 use control::wheel::Gains;
@@ -73,7 +73,7 @@ pub fn of_values(
 }
 
 /// Makes the configuration of robot `node`, whose board can drive the bridges of a mask of kinds
-/// ([`OutputStage::bit`]).
+/// ([`control::output_stage::OutputStage::bit`]).
 ///
 /// # Errors
 /// The first objection, by address.
@@ -96,7 +96,7 @@ pub fn build(
     check_quantities(parameters)?;
     check_supply(parameters)?;
     check_torque(parameters)?;
-    let output_stage = output_stage(parameters, output_stages)?;
+    let output_stage = wheel_drives::output_stage(parameters, output_stages)?;
     let current = current(parameters)?;
     let times = times(parameters, members)?;
     let encoder_filter = encoder_filter(parameters)?;
@@ -122,7 +122,7 @@ pub fn build(
         current,
         pwm_hz: parameters.unsigned(at::PWM_FREQUENCY),
         output_stage,
-        drives: drives(parameters, output_stage)?,
+        drives: wheel_drives::drives(parameters, output_stage)?,
         motors: MotorLimits::new(
             real(at::WINDING_RESISTANCE),
             real(at::CURRENT_MAX),
@@ -402,71 +402,6 @@ fn current(parameters: &Parameters) -> Result<Option<CurrentConfiguration>, Conf
         inputs,
         bound,
     }))
-}
-
-/// The kind of bridges: one that the board can drive, whose safe state is wired where all outputs
-/// low is none, and that stands what it does. One input of a slow-decay bridge is high as long as
-/// it reverses, and of one that brakes in between always one, so a high side that needs pauses
-/// (0x2027:1) gets none.
-fn output_stage(parameters: &Parameters, known: u8) -> Result<OutputStage, ConfigurationError> {
-    let stage = OutputStage::from_number(parameters.unsigned(at::OUTPUT_STAGE));
-    let bad = |address| Err(ConfigurationError::Inconsistent(address));
-    if stage.bit() & known == 0 {
-        return bad(at::OUTPUT_STAGE);
-    }
-    let needs_enable = matches!(stage, OutputStage::SlowDecay | OutputStage::LockedAntiphase);
-    if needs_enable && parameters.unsigned(at::ENABLE_WIRED) == 0 {
-        return bad(at::ENABLE_WIRED);
-    }
-    let keeps_high = matches!(stage, OutputStage::SlowDecay | OutputStage::BrakeBetween);
-    if keeps_high && parameters.real(at::DUTY_MAX) < 1.0 {
-        return bad(at::DUTY_MAX);
-    }
-    Ok(stage)
-}
-
-/// The smart drives, where they turn the wheels: every wheel has one, they can give the largest
-/// current, both it and the resistance are known, because a current follows from them, and the
-/// counts are those that the drives report.
-fn drives(
-    parameters: &Parameters,
-    stage: OutputStage,
-) -> Result<DriveConfiguration, ConfigurationError> {
-    const IDENTIFIERS: [Address; 4] = [
-        at::DRIVE_FRONT_LEFT,
-        at::DRIVE_FRONT_RIGHT,
-        at::DRIVE_REAR_LEFT,
-        at::DRIVE_REAR_RIGHT,
-    ];
-    let byte = |address| parameters.unsigned(address).to_le_bytes()[0];
-    let drives = DriveConfiguration {
-        identifiers: IDENTIFIERS.map(byte),
-        hottest: byte(at::DRIVE_HOTTEST),
-    };
-    let Some(model) = stage.smart_drive() else {
-        return Ok(drives);
-    };
-    let bad = |address| Err(ConfigurationError::Inconsistent(address));
-    if parameters.real(at::WINDING_RESISTANCE) == 0.0 {
-        return bad(at::WINDING_RESISTANCE);
-    }
-    let largest = parameters.real(at::CURRENT_MAX);
-    if largest == 0.0 || largest > model.largest() {
-        return bad(at::CURRENT_MAX);
-    }
-    for place in 0..4 {
-        if encoder_counts(parameters, place) != f32::from(frames::COUNTS) {
-            return bad(at::ENCODER_COUNTS);
-        }
-    }
-    let mut taken = 0_u32;
-    for (identifier, address) in drives.identifiers.into_iter().zip(IDENTIFIERS) {
-        if taken >> identifier & 1 == 1 {
-            return bad(address);
-        }
-        taken |= 1 << identifier;
-    }
-    Ok(drives)
 }
 
 /// A limit of the group's motion; infinite where there is none.
