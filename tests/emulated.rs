@@ -58,7 +58,7 @@ mod reference {
         the_supply_is_measured_whatever_the_chips_supply_is
         a_spell_of_error_passive_during_an_nmt_start_is_announced
         motors_are_identified_over_the_bus
-        a_robot_tells_its_chip
+        a_robot_reports_its_chip
         robots_that_are_one_node_notice_it
     }
 }
@@ -72,7 +72,7 @@ mod board_c {
         the_supply_is_measured_whatever_the_chips_supply_is
         a_spell_of_error_passive_during_an_nmt_start_is_announced
         motors_are_identified_over_the_bus
-        a_robot_tells_its_chip
+        a_robot_reports_its_chip
         robots_that_are_one_node_notice_it
     }
 }
@@ -86,7 +86,7 @@ mod kit {
         the_led_tells_the_cause_from_what_follows
         a_spell_of_error_passive_during_an_nmt_start_is_announced
         motors_are_identified_over_the_bus
-        a_robot_tells_its_chip
+        a_robot_reports_its_chip
         robots_that_are_one_node_notice_it
     }
 }
@@ -566,14 +566,14 @@ fn motors_are_identified_over_the_bus(robots: &Robots) {
 }
 
 /// Device and revision, as the image's chip has them (DBGMCU_IDCODE).
-fn a_robot_tells_its_chip(robots: &Robots) {
+fn a_robot_reports_its_chip(robots: &Robots) {
     let group = robots.group("tcc-2");
     let world = World::new(&group, robots.backend(), Options::default()).unwrap();
     let mut link = SimLink::new(world, "test");
     link.world.run_until(canopen::Micros(400_000)).unwrap();
     let mut wire = Wire::visiting(&mut link);
-    let told = wire.read(2, address::CHIP, Kind::U32).unwrap();
-    assert_eq!(told, Value::U32(robots.image().chip().id_code));
+    let code = wire.read(2, address::CHIP, Kind::U32).unwrap();
+    assert_eq!(code, Value::U32(robots.image().chip().id_code));
 }
 
 /// Two boards whose switches are set alike, switched on together with a third. Their boot-up frames

@@ -20,8 +20,8 @@
 pub mod faults;
 pub mod floor;
 pub mod hand;
+pub mod identities;
 pub mod records;
-pub mod told;
 
 use acceptance::{Bound, Check};
 

@@ -16,7 +16,7 @@ use group::GroupFile;
 use omnibus::abort::Abort;
 use omnibus::accept::floor::{Errors, Floor, level_three};
 use omnibus::accept::hand::{Hand, Prepared, Task};
-use omnibus::accept::told::Told;
+use omnibus::accept::identities::Identities;
 use omnibus::accept::{self, Step, level_two};
 use omnibus::bus::address::BusAddress;
 use omnibus::bus::link::Link;
@@ -152,9 +152,9 @@ impl Findings<'_> {
     /// Asks the robots what they are.
     fn ask<L: Link>(&mut self, wire: &mut Wire<L>, group: &GroupFile) -> Result<(), MasterError> {
         let nodes = group.robots.iter().map(|robot| robot.node);
-        let told = Told::by(wire, nodes, !self.subject.hardware)?;
-        self.subject.chip = told.chip;
-        self.subject.versions = versions(&told.firmware);
+        let found = Identities::read(wire, nodes, !self.subject.hardware)?;
+        self.subject.chip = found.chip;
+        self.subject.versions = versions(&found.firmware);
         Ok(())
     }
 

@@ -11,19 +11,19 @@ use crate::error::MasterError;
 
 /// Both in words, with the nodes that tell the same.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Told {
+pub struct Identities {
     /// `STM32F446, revision 0x1000 (nodes 2, 3)`.
     pub chip: String,
     /// `firmware 0.1.0 (nodes 2, 3)`.
     pub firmware: String,
 }
 
-impl Told {
+impl Identities {
     /// Asks robots, which are real ones or those of a simulator.
     ///
     /// # Errors
     /// When a robot does not answer.
-    pub fn by<L: Link>(
+    pub fn read<L: Link>(
         wire: &mut Wire<L>,
         nodes: impl IntoIterator<Item = u8>,
         is_simulated: bool,
@@ -54,13 +54,13 @@ impl Told {
     }
 }
 
-fn with_nodes(told: &BTreeMap<String, Vec<u8>>) -> String {
+fn with_nodes(values: &BTreeMap<String, Vec<u8>>) -> String {
     let one = |(text, nodes): (&String, &Vec<u8>)| {
         let numbers: Vec<String> = nodes.iter().map(u8::to_string).collect();
         let word = if nodes.len() == 1 { "node" } else { "nodes" };
         format!("{text} ({word} {})", numbers.join(", "))
     };
-    told.iter().map(one).collect::<Vec<_>>().join("; ")
+    values.iter().map(one).collect::<Vec<_>>().join("; ")
 }
 
 #[cfg(test)]
@@ -81,16 +81,16 @@ mod tests {
             robot.store.extend([version]);
         }
         let mut wire = Wire::visiting(&mut bus);
-        let told = Told::by(&mut wire, 2..=5, false).unwrap();
+        let found = Identities::read(&mut wire, 2..=5, false).unwrap();
         assert_eq!(
-            told.chip,
+            found.chip,
             "STM32F446, revision 0x1000 (nodes 2, 3); not told by its firmware (node 5); not told \
              by the chip (node 4)"
         );
-        assert_eq!(told.firmware, "firmware 1.2.3 (nodes 2, 3, 4, 5)");
-        let told = Told::by(&mut wire, [2, 4], true).unwrap();
+        assert_eq!(found.firmware, "firmware 1.2.3 (nodes 2, 3, 4, 5)");
+        let found = Identities::read(&mut wire, [2, 4], true).unwrap();
         assert_eq!(
-            told.chip,
+            found.chip,
             "STM32F446, revision 0x1000, emulated (node 2); none, a native robot (node 4)"
         );
     }
