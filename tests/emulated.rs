@@ -4,14 +4,16 @@
 //! and says so). Both are driven by the same master over the same kind of bus.
 
 mod common;
+#[path = "emulated/identity.rs"]
+mod identity;
 #[path = "emulated/robots.rs"]
 mod robots;
 
 use canopen::Frame;
 use common::{Drive, quick_drive};
 use emulator::Port;
+use identity::{a_robot_reports_its_chip, robots_that_are_one_node_notice_it};
 use kinematics::{MemberKinematics, Mount};
-use omnibus::bus::wire::Wire;
 use omnibus::commission::motors;
 use omnibus::path::curve::Curve;
 use omnibus::session::Group;
@@ -21,7 +23,6 @@ use protocol::{Fault, Kind, Value, cob};
 use robots::{BOARD_C, KIT, REFERENCE, Robots};
 use sim::bus::disturb::Share;
 use sim::bus::errors::ErrorState;
-use sim::robot::{Robot, emulated::EmulatedRobot};
 use sim::{Backend, Options, World};
 
 /// Largest distance between the two groups at any SYNC over the first eight seconds of the circle,
@@ -563,51 +564,4 @@ fn motors_are_identified_over_the_bus(robots: &Robots) {
     }
     motors::accept(wire, 3, &motors).unwrap();
     session.start().unwrap();
-}
-
-/// Device and revision, as the image's chip has them (DBGMCU_IDCODE).
-fn a_robot_reports_its_chip(robots: &Robots) {
-    let group = robots.group("tcc-2");
-    let world = World::new(&group, robots.backend(), Options::default()).unwrap();
-    let mut link = SimLink::new(world, "test");
-    link.world.run_until(canopen::Micros(400_000)).unwrap();
-    let mut wire = Wire::visiting(&mut link);
-    let code = wire.read(2, address::CHIP, Kind::U32).unwrap();
-    assert_eq!(code, Value::U32(robots.image().chip().id_code));
-}
-
-/// Two boards whose switches are set alike, switched on together with a third. Their boot-up frames
-/// are the same bits; their first heartbeats come at different times, by the chips' unique numbers.
-fn robots_that_are_one_node_notice_it(robots: &Robots) {
-    let group = robots.group("tcc-3");
-    let image = robots.image();
-    let boards = [
-        (2, b"OMNIBUS-DBL1"),
-        (3, b"OMNIBUS-DBL2"),
-        (3, b"OMNIBUS-DBL3"),
-    ];
-    let built = boards
-        .into_iter()
-        .map(|(node, uid)| EmulatedRobot::with_uid(&image, node, *uid, 0.0).unwrap())
-        .map(|robot| Box::new(robot) as Box<dyn Robot>);
-    let options = Options::default();
-    let plant = sim::plant::build(&group, options.start).unwrap();
-    let mut world = World::with_parts(&group, built.collect(), plant, options).unwrap();
-    world.run_until(canopen::Micros(400_000)).unwrap();
-    let frames: Vec<_> = std::iter::from_fn(|| world.take_received(sim::MASTER)).collect();
-    let codes = |node| {
-        let of_node = frames
-            .iter()
-            .filter(move |(_, frame)| frame.id() == cob::emergency(node));
-        of_node.map(|(_, f)| u16::from_le_bytes([f.data()[0], f.data()[1]]))
-    };
-    let mut boots = frames
-        .iter()
-        .filter(|(_, frame)| frame.id() == cob::heartbeat(3) && frame.data() == [0]);
-    assert!(
-        boots.next().is_some() && boots.next().is_none(),
-        "one boot-up"
-    );
-    assert!(codes(3).any(|code| code == Fault::DuplicateNode.code()));
-    assert_eq!(codes(2).count(), 0);
 }

@@ -258,16 +258,16 @@ fn a_pdo_says_that_a_gyro_is_not_used(robots: &Backend) {
     let mut session = started(&mut link, &group, 1);
     let port = session.link().world.add_port();
     drive(&mut session, Twist::ZERO, 10);
-    let mut said = 0;
+    let mut reports = 0;
     while let Some((_, frame)) = session.link().world.take_received(port) {
         if let Some((NODE, RobotReport::YawRate(report))) =
             RobotReport::decode(frame.id(), frame.data())
         {
             assert_eq!(report.yaw_rate, None);
-            said += 1;
+            reports += 1;
         }
     }
-    assert!(said >= 9, "{said}");
+    assert!(reports >= 9, "{reports}");
 }
 
 /// Nothing at the other end, or another chip (0x1E is the number of the accelerometer beside it).

@@ -160,17 +160,15 @@ impl Board {
         cpu.attach_space(Arc::new(space));
         shared.attach(&cpu);
         let log = Log::new(Arc::clone(&ram), firmware);
-        let mut fast = Fast::new(Arc::clone(firmware.code()));
-        fast.set_division_factor(Defects::new(&config.defects).division_factor());
         Self {
             firmware: firmware.clone(),
+            fast: Fast::new(Arc::clone(firmware.code()), &Defects::new(&config.defects)),
             config,
             cpu,
             shared,
             ram,
             flash,
             log,
-            fast,
             now: 0,
             asleep: false,
             halted: false,

@@ -36,6 +36,7 @@ use rsemu::cpu::arm::v7m::{ArmV7m, Regs, xpsr};
 
 use crate::address_space::Shared;
 use crate::chip::LARGEST_FLASH;
+use crate::defect::Defects;
 use crate::family::Family;
 use crate::fetch::Fetch;
 use crate::memory_map::{FLASH_BASE, RAM_BASE};
@@ -120,17 +121,12 @@ struct Core {
 }
 
 impl Fast {
-    pub(crate) fn new(image: Arc<Programmed>) -> Self {
+    pub(crate) fn new(image: Arc<Programmed>, defects: &Defects) -> Self {
         let family = image.chip().family;
         Self {
             code: Code::new(image),
-            core: Core::new(family),
+            core: Core::new(family, defects),
         }
-    }
-
-    /// Makes a division or a square root in floating point take this times as long.
-    pub(crate) fn set_division_factor(&mut self, times: u64) {
-        self.core.division = DIVISION * times - 1;
     }
 
     /// The reference core may have changed floating-point registers. Between two sessions without
@@ -193,7 +189,7 @@ impl Fast {
 }
 
 impl Core {
-    fn new(family: Family) -> Self {
+    fn new(family: Family, defects: &Defects) -> Self {
         Self {
             r: [0; 16],
             psr: 0,
@@ -208,7 +204,7 @@ impl Core {
             fp_usable: false,
             fp_loaded: false,
             fp_given: Fpu::new(),
-            division: DIVISION - 1,
+            division: DIVISION * defects.division_factor() - 1,
             exclusive: None,
             waiting: false,
             unmasked: false,

@@ -145,7 +145,10 @@ fn compare(seed: u64, rounds: u32) -> u32 {
         flash: &machine.flash,
         shared,
     };
-    let mut fast = Fast::new(Arc::new(Programmed::new(&F446, Vec::new())));
+    let mut fast = Fast::new(
+        Arc::new(Programmed::new(&F446, Vec::new())),
+        &Defects::new(&[]),
+    );
     let mut instructions = 0;
     for _ in 0..rounds {
         let mut regs = Regs {
