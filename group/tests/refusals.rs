@@ -52,7 +52,7 @@ fn unknown_key_names_the_key_that_was_meant() {
 fn a_lag_that_is_no_contacts_is_refused() {
     assert_eq!(
         refusal("[robot]", "[contact_lag]\nyaw_ms = 101\n\n[robot]"),
-        "pair.toml:9: contact_lag.yaw_ms: is 101; give at most 100; a contact does not creep by more"
+        "pair.toml:9: contact_lag.yaw_ms: is 101; give at most 100; contacts do not creep by more"
     );
 }
 
@@ -318,7 +318,7 @@ fn text_where_a_number_belongs() {
 fn crystals_of_other_robots() {
     assert_eq!(
         refusal("[0, 20]", "[0, 20, 40]"),
-        "pair.toml:27: simulation.crystal_ppm: has 3 values for 2 robots; give one value a robot, \
+        "pair.toml:27: simulation.crystal_ppm: has 3 values for 2 robots; give one value per robot, \
          in their order"
     );
 }
@@ -444,8 +444,8 @@ fn an_output_stage_that_is_none_is_refused() {
     );
     assert_eq!(
         wheels("output_stage = \"c610\", largest_current = 10.5"),
-        "pair.toml:15: robot.motor.largest_current: has to be a current that these drives can \
-         give; give at most 10 A, and no more than the motors may"
+        "pair.toml:15: robot.motor.largest_current: must be a current that these drives can \
+         supply; give at most 10 A, and no more than the motors may"
     );
     assert_eq!(
         wheels("current_inputs = 4"),
