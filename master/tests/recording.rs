@@ -139,8 +139,7 @@ fn the_yaw_rate_of_a_gyro_is_recorded() {
     assert!((fastest - 0.1).abs() < 0.01, "{fastest}");
     let written = |member| recording::messages::of_robot(member)["yaw_rate"].as_f64();
     for member in all {
-        let rate = member.yaw_rate.map(f64::from);
-        assert_eq!(written(member), rate);
+        assert_eq!(written(member).map(|rate| rate as f32), member.yaw_rate);
     }
     assert_eq!(snapshots[1].members[0].yaw_rate, None);
     // The gyro's own rate, not that of the wheels.
