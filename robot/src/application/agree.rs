@@ -183,23 +183,26 @@ impl Application {
             State::Ready | State::Alone | State::Ramping(_) | State::Faulted(_) => false,
         };
         if let Some(configuration) = self.able().filter(|_| permits) {
-            let wheels = permitted(configuration, latched.twist);
             let (speed, yaw_rate) = (configuration.speed_max, configuration.yaw_rate_max);
-            let group = Scale::new(within(latched.twist, speed, yaw_rate));
-            self.own.scale = wheels.min(group);
-            self.own_limit = match group < wheels {
-                true => Limit::GroupSpeed,
-                false => Limit::WheelRate,
+            let wheels = permitted(configuration, latched.twist);
+            let group = slower(latched.twist, speed, yaw_rate).map_or(Scale::ONE, Scale::new);
+            (self.own.scale, self.own_limit) = match group < wheels {
+                true => (group, Limit::GroupSpeed),
+                false => (wheels, Limit::WheelRate),
             };
         }
     }
 }
 
-/// The factor, 1 at most, at which a twist is no faster than these, m/s and rad/s.
-pub(super) fn within(twist: Twist, speed: f32, yaw_rate: f32) -> f32 {
-    let along = sqrt(twist.vx * twist.vx + twist.vy * twist.vy);
-    let over = (along / speed).max(twist.omega.abs() / yaw_rate);
-    1.0 / over.max(1.0)
+/// The factor at which a twist is no faster than these, m/s and rad/s; `None` where it is not
+/// anyway, which needs neither a root nor a division.
+pub(super) fn slower(twist: Twist, speed: f32, yaw_rate: f32) -> Option<f32> {
+    let squared = twist.vx * twist.vx + twist.vy * twist.vy;
+    if squared <= speed * speed && twist.omega.abs() <= yaw_rate {
+        return None;
+    }
+    let over = (sqrt(squared) / speed).max(twist.omega.abs() / yaw_rate);
+    Some(1.0 / over)
 }
 
 /// The scale at which this robot's wheels can make the group move like that.

@@ -9,7 +9,7 @@ use kinematics::Twist;
 use protocol::Limit;
 use protocol::address::{HEARTBEAT_TIMEOUT, MEMBERS};
 
-use super::agree::{permitted, within};
+use super::agree::{permitted, slower};
 use super::{Application, Received};
 use crate::rhythm::Beat;
 use crate::sequence::{Reception, Setpoints};
@@ -147,5 +147,5 @@ impl Application {
 
 /// A twist in the robot's frame, brought down to what is safe beside a person.
 fn slowly(twist: Twist) -> Twist {
-    twist * within(twist, SPEED, YAW_RATE)
+    twist * slower(twist, SPEED, YAW_RATE).unwrap_or(1.0)
 }
