@@ -6,7 +6,9 @@ import canopen
 
 from robot import DEVICE_STATE, NODE, PATIENCE, READ_ONLY, Robot, compensation_set, twist
 
-IDENTITY = (0, 0x4F4D4E49, 0x00050000)
+# As docs/can-protocol.md has it.
+WIRE_VERSION = 6
+IDENTITY = (0, 0x4F4D4E49, WIRE_VERSION << 16)
 """Vendor, product, revision."""
 
 
@@ -151,7 +153,7 @@ class Compensation(Robot):
 
 class Sdo(Robot):
     def test_expedited(self):
-        self.assertEqual(self.node.sdo[0x2000].raw, 5)
+        self.assertEqual(self.node.sdo[0x2000].raw, WIRE_VERSION)
         self.assertEqual(self.node.sdo[0x1018][2].raw, 0x4F4D4E49)
         self.node.sdo[0x2011][1].raw = -1.5
         self.assertEqual(self.node.sdo[0x2011][1].raw, -1.5)
@@ -336,7 +338,7 @@ class Lss(Robot):
         with self.assertRaises(canopen.lss.LssError):
             lss.configure_node_id(128)
         lss.send_switch_state_global(lss.WAITING_STATE)
-        self.assertEqual(self.node.sdo[0x2000].raw, 5)
+        self.assertEqual(self.node.sdo[0x2000].raw, WIRE_VERSION)
 
 
 if __name__ == "__main__":
