@@ -201,7 +201,7 @@ class Fleet:
 class Vehicles(unittest.TestCase):
     def vehicle(self, broker, bus, *options, serial, protocol="2.0", scheme="mqtt", ends=0):
         """A group as a vehicle; ends with the test, with that exit code."""
-        command = [os.environ["OMNIBUS_DOORS"], "vda5050", "--broker", f"{scheme}://localhost:{broker.port}"]
+        command = [os.environ["OMNIBUS"], "vda5050", "--broker", f"{scheme}://localhost:{broker.port}"]
         command += ["--serial", serial, "--protocol", protocol, "--map-id", "hall", "--bus", *bus, *options]
         process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         self.addCleanup(self.end_vehicle, process, ends)

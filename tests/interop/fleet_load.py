@@ -1,7 +1,7 @@
 """How many messages a fleet of groups sends, and what it costs: twenty groups of one native robot each on one broker,
 each with an order of its own, for so many seconds of the clock on the wall.
 
-    OMNIBUS_DOORS=target/release/omnibus python3 tests/interop/fleet_load.py [GROUPS [SECONDS]]
+    OMNIBUS=target/release/omnibus python3 tests/interop/fleet_load.py [GROUPS [SECONDS]]
 
 Not a test: `cargo xtask bench --fleet` runs it. Figures depend on the machine (docs/performance.md has one run):
 messages and states a second of all groups, processor (per cent of a core) and memory (MB) of one group with its
@@ -57,7 +57,7 @@ def main():
         broker = subprocess.Popen(["/usr/sbin/mosquitto", "-c", conf], stderr=subprocess.DEVNULL)
         time.sleep(1)
         vehicles = [subprocess.Popen(
-            [os.environ["OMNIBUS_DOORS"], "vda5050", "--broker", f"mqtt://127.0.0.1:{port}", "--serial", f"g{n}",
+            [os.environ["OMNIBUS"], "vda5050", "--broker", f"mqtt://127.0.0.1:{port}", "--serial", f"g{n}",
              "--at", "0,0", "--bus", f"sim:{ROOT / 'groups' / 'single.toml'}"],
             stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL) for n in range(GROUPS)]
         heard = subprocess.Popen(["mosquitto_sub", "-p", str(port), "-t", "uagv/#", "-F", "%t"],

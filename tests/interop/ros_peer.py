@@ -246,7 +246,7 @@ class Node:
         where = ["--bus", bus, "--group", file] if bus else ["--bus", f"sim:{file}"]
         # In a network namespace, where one is named.
         inside = ["ip", "netns", "exec", within] if within else []
-        command = [*inside, os.environ["OMNIBUS_DOORS"], "ros", *where, *arguments]
+        command = [*inside, os.environ["OMNIBUS"], "ros", *where, *arguments]
         self.process = subprocess.Popen(command, env=variables,
                                         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         test.addCleanup(self.end)

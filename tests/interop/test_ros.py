@@ -347,7 +347,7 @@ class Bus(RosTest):
         world, bus = self.world()
         # A robot without a minimum has nothing that measures.
         for node in ("2", "3"):
-            subprocess.run([os.environ["OMNIBUS_DOORS"], "param", "set", "2025:2", "18", "--node", node, "--bus", bus],
+            subprocess.run([os.environ["OMNIBUS"], "param", "set", "2025:2", "18", "--node", node, "--bus", bus],
                            check=True, stdout=subprocess.DEVNULL)
         _, peer, watcher = self.started(bus=bus)
         reader, start = peer.reader("battery_state", "sensor_msgs/msg/BatteryState"), peer.service("start")
@@ -370,7 +370,7 @@ class Bus(RosTest):
     def test_another_master_is_refused_and_told_and_where_it_is_forced_the_driver_here_is_told(self):
         _, bus = self.world()
         _, peer, watcher = self.started(bus=bus)
-        drive = [os.environ["OMNIBUS_DOORS"], "drive", "--vx", "0.1", "--for", "1", "--bus", bus, "--group",
+        drive = [os.environ["OMNIBUS"], "drive", "--vx", "0.1", "--for", "1", "--bus", bus, "--group",
                  ROOT / "groups" / "tcc-2.toml"]
         with self.turning(peer, watcher):
             refused = subprocess.run(drive, capture_output=True, text=True)
@@ -424,7 +424,7 @@ class Bus(RosTest):
         _, bus = self.world()
         group = ["--bus", bus, "--group", ROOT / "groups" / "tcc-2.toml"]
         node, peer, watcher = self.started(bus=bus)
-        served = subprocess.Popen([os.environ["OMNIBUS_DOORS"], "serve", "--http", "127.0.0.1:0", "--json", *group],
+        served = subprocess.Popen([os.environ["OMNIBUS"], "serve", "--http", "127.0.0.1:0", "--json", *group],
                                   stdout=subprocess.PIPE, text=True)
         self.addCleanup(served.communicate)
         self.addCleanup(served.send_signal, signal.SIGINT)
@@ -457,7 +457,7 @@ class Bus(RosTest):
         page.hear(0.5)
         self.assertEqual(page.states[-1]["phase"], "running")
         # Taken by force, the robots are lost to the page, which is told.
-        taken_away = subprocess.Popen([os.environ["OMNIBUS_DOORS"], "drive", "--vx", "0.1", "--for", "1", "--force", *group],
+        taken_away = subprocess.Popen([os.environ["OMNIBUS"], "drive", "--vx", "0.1", "--for", "1", "--force", *group],
                                       stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         self.addCleanup(taken_away.wait)
         page.until("told", lambda: any("took the robots" in event for event in page.events))
@@ -499,7 +499,7 @@ class Files(unittest.TestCase):
     """What is written for ROS 2, read by others."""
 
     def omnibus(self, *arguments):
-        done = subprocess.run([os.environ["OMNIBUS_DOORS"], *arguments], cwd=ROOT, capture_output=True, text=True)
+        done = subprocess.run([os.environ["OMNIBUS"], *arguments], cwd=ROOT, capture_output=True, text=True)
         self.assertEqual(done.returncode, 0, done.stderr)
         return done.stdout
 
@@ -634,7 +634,7 @@ class Documented(RosTest):
         (self.folder / "my-group.toml").symlink_to(ROOT / "groups" / "tcc-2.toml")
         programs = self.folder / "programs"
         programs.mkdir()
-        (programs / "omnibus").symlink_to(os.environ["OMNIBUS_DOORS"])
+        (programs / "omnibus").symlink_to(os.environ["OMNIBUS"])
         (programs / "omnibus-sim").symlink_to(os.environ["OMNIBUS_SIM"])
         self.variables = {**os.environ, "PATH": f"{programs}:{os.environ['PATH']}", "ROS_DOMAIN_ID": str(DOMAIN),
                           "ROS_LOCALHOST_ONLY": "1", "RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"}

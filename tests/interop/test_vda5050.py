@@ -424,7 +424,7 @@ class Locked(Vehicles):
                 "-subj", "/CN=another authority", "-keyout", "other.key", "-out", "other.pem")
         for options, word in [(["--ca", at / "ca.pem", "--user", "group", "--password-file", at / "wrong"], "efused"),
                               (["--ca", at / "other.pem", "--user", "group", "--password-file", at / "secret"], "ertificate")]:
-            command = [os.environ["OMNIBUS_DOORS"], "vda5050", "--broker", f"mqtts://localhost:{broker.port}", "--serial",
+            command = [os.environ["OMNIBUS"], "vda5050", "--broker", f"mqtts://localhost:{broker.port}", "--serial",
                        "wrong", "--bus", "sim:" + str(ROOT / "groups" / "single.toml"), *options]
             process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True)
             said = ""
@@ -449,7 +449,7 @@ class Documented(Vehicles):
 
         programs = tempfile.TemporaryDirectory()
         self.addCleanup(programs.cleanup)
-        for name, program in (("omnibus", os.environ["OMNIBUS_DOORS"]), ("mosquitto", MOSQUITTO)):
+        for name, program in (("omnibus", os.environ["OMNIBUS"]), ("mosquitto", MOSQUITTO)):
             pathlib.Path(programs.name, name).symlink_to(program)
         variables = os.environ | {"PATH": f"{programs.name}:{os.environ['PATH']}"}
 

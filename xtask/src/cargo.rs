@@ -30,6 +30,18 @@ pub fn command() -> Command {
     command
 }
 
+/// The features that the tests need: each of the tool's, and those that switch on tests of the
+/// image. What is built with them for one task is not built again for the next.
+pub const TESTED: &str = include_str!("../tested.features");
+
+/// A `cargo` command for the whole workspace, with what is tested. `--workspace` counts even where
+/// one program is built: without it `cargo` would choose fewer features of shared libraries.
+pub fn tested(subcommand: &str) -> Command {
+    let mut command = command();
+    command.args([subcommand, "--workspace", "--features", TESTED]);
+    command
+}
+
 /// Runs a command to its end.
 pub fn run(command: &mut Command) -> anyhow::Result<()> {
     let name = command.get_program().to_string_lossy().into_owned();

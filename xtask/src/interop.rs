@@ -25,23 +25,35 @@ pub struct Arguments {
     backend: Option<String>,
 }
 
-/// Builds everything, then runs every test.
+/// What drives robots of a backend.
+const ROBOT_TESTS: [&str; 5] = [
+    "test_robot",
+    "test_dictionary",
+    "test_endpoints",
+    "test_master",
+    "test_lock",
+];
+
+/// What drives a master, with simulated robots.
+const MASTER_TESTS: [&str; 8] = [
+    "test_page",
+    "test_live",
+    "test_recording",
+    "test_foreign",
+    "test_mujoco",
+    "test_ros",
+    "test_ros_fast",
+    "test_vda5050",
+];
+
+/// Builds everything, then runs every test; one that fails does not hide those after it.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let tests = cargo::root().join("tests/interop");
     system_packages()?;
     let python = python()?;
     let modules = node_modules(&tests)?;
-    cargo::run(cargo::command().args([
-        "build",
-        "--package=omnibus-sim",
-        "--package=omnibus-master",
-        "--package=omnibus-canopen",
-        "--package=omnibus-ros",
-        "--bins",
-        "--examples",
-    ]))?;
+    cargo::run(cargo::tested("build").args(["--bin=omnibus", "--bin=omnibus-sim", "--examples"]))?;
     let built = cargo::target_folder().join("debug");
-    let doors = with_doors(&built)?;
     let fast_peer = fast_peer(&tests)?;
     let elf = firmware::build(Scalar::F32)?;
     let logs = cargo::target_folder().join("interop/logs");
@@ -55,7 +67,6 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 
     let _awake = Awake::new(&python)?;
     let python_tests = |files: &[&str], backend: &str| {
-        println!("{backend}: {}", files.join(", "));
         let mut command = Command::new(&python);
         command
             .current_dir(&tests)
@@ -63,7 +74,6 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             .args(files)
             .env("OMNIBUS_SIM", built.join("omnibus-sim"))
             .env("OMNIBUS", built.join("omnibus"))
-            .env("OMNIBUS_DOORS", &doors)
             .env("OMNIBUS_FAST_PEER", &fast_peer)
             .env("OMNIBUS_EXAMPLES", built.join("examples"))
             .env("NODE_PATH", &modules)
@@ -73,66 +83,63 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             .env("OMNIBUS_LOGS", &logs);
         command
     };
-    let unittest = |files: &[&str], backend: &str| cargo::run(&mut python_tests(files, backend));
+    let mut failed = Vec::new();
+    let mut run = |name: String, command: &mut Command| {
+        println!("{name}");
+        if let Err(error) = cargo::run(command) {
+            eprintln!("{error:#}");
+            failed.push(name);
+        }
+    };
+    let mut batch = |files: &[&str], backend: &str, cable: bool| {
+        let at_the_cable = if cable { ", at the robot's cable" } else { "" };
+        let mut command = python_tests(files, backend);
+        if cable {
+            command.env("OMNIBUS_CABLE", "1");
+        }
+        run(
+            format!("{backend}{at_the_cable}: {}", files.join(", ")),
+            &mut command,
+        );
+    };
     for backend in ["native", "emulator"] {
         if arguments
             .backend
             .as_deref()
             .is_none_or(|one| one == backend)
         {
-            unittest(
-                &[
-                    "test_robot",
-                    "test_dictionary",
-                    "test_endpoints",
-                    "test_master",
-                    "test_lock",
-                ],
-                backend,
-            )?;
+            batch(&ROBOT_TESTS, backend, false);
         }
     }
     if arguments.backend.as_deref() != Some("native") {
-        println!("at the robot's cable");
-        cargo::run(
-            python_tests(&["test_robot", "test_dictionary"], "emulator").env("OMNIBUS_CABLE", "1"),
-        )?;
+        batch(&["test_robot", "test_dictionary"], "emulator", true);
     }
-    unittest(
+    batch(
         &["test_emulate", "test_update", "test_update_command"],
         "emulator",
-    )?;
-    unittest(&["test_log"], "logs")?;
-    unittest(
-        &[
-            "test_page",
-            "test_live",
-            "test_recording",
-            "test_foreign",
-            "test_mujoco",
-            "test_ros",
-            "test_ros_fast",
-            "test_vda5050",
-        ],
-        "native",
-    )?;
+        false,
+    );
+    batch(&["test_log"], "logs", false);
+    batch(&MASTER_TESTS, "native", false);
     for (file, example) in [("test_device.py", "interop"), ("test_client.py", "sdo")] {
-        println!("canopen: {file}");
         let mut command = Command::new(&python);
         command
             .current_dir(cargo::root())
             .arg("-B")
             .arg(Path::new("canopen/interop").join(file))
             .arg(built.join("examples").join(example));
-        cargo::run(&mut command)?;
+        run(format!("canopen: {file}"), &mut command);
     }
-    Ok(())
+    if failed.is_empty() {
+        return Ok(());
+    }
+    bail!("failed: {}", failed.join("; "))
 }
 
 /// Has a multi-body simulation say how many of a calibration's intervals hold.
 pub fn coverage(robots: u32, first: u32) -> anyhow::Result<()> {
     let python = python()?;
-    cargo::run(cargo::command().args(["build", "--package=omnibus-master", "--bin=omnibus"]))?;
+    cargo::run(cargo::tested("build").arg("--bin=omnibus"))?;
     for what in ["phases", "coefficients"] {
         let mut asks = Command::new(&python);
         asks.current_dir(cargo::root().join("tests/interop"))
@@ -143,31 +150,6 @@ pub fn coverage(robots: u32, first: u32) -> anyhow::Result<()> {
         cargo::run(&mut asks)?;
     }
     Ok(())
-}
-
-/// Builds the tool with its features `ros` and `vda5050` beside the usual one, which is put back:
-/// both are called `omnibus`, and the usual one is what the other suites test.
-fn with_doors(built: &Path) -> anyhow::Result<PathBuf> {
-    let (usual, aside, doors) = (
-        built.join("omnibus"),
-        built.join("omnibus-usual"),
-        built.join("omnibus-doors"),
-    );
-    let copy = |from: &Path, to: &Path| {
-        // One that a test which crashed has left running cannot be written over.
-        let _ = std::fs::remove_file(to);
-        std::fs::copy(from, to).with_context(|| format!("{} to {}", from.display(), to.display()))
-    };
-    copy(&usual, &aside)?;
-    cargo::run(cargo::command().args([
-        "build",
-        "--package=omnibus-master",
-        "--features=ros,vda5050",
-        "--bin=omnibus",
-    ]))?;
-    copy(&usual, &doors)?;
-    std::fs::rename(&aside, &usual).with_context(|| usual.display().to_string())?;
-    Ok(doors)
 }
 
 /// Builds the peer that has Fast DDS; its types are made at run time, so no generator is needed.

@@ -1,8 +1,7 @@
 //! `cargo xtask size --canopen`: the size of the CANopen device, as the difference of two images.
 //!
 //! One is the firmware. The other has a stub in place of the device (`canopen/src/stub.rs`), which
-//! keeps every other function of the program alive; it is built in a separate folder and has no
-//! other use.
+//! keeps every other function of the program alive; it has no other use.
 
 use anyhow::{Context as _, bail};
 use object::{Object as _, ObjectSection as _, SectionFlags, elf::SHF_ALLOC};
@@ -22,7 +21,8 @@ const RAM_ORIGIN: u64 = 0x2000_0000;
 /// Builds both, prints both and the difference, and fails if that is too much.
 pub fn run() -> anyhow::Result<()> {
     let with = size(&firmware::build(Scalar::F32)?)?;
-    let folder = cargo::target_folder().join("without-canopen");
+    // Where the libraries of other variants lie.
+    let folder = cargo::target_folder().join("variants");
     cargo::run(
         cargo::command()
             .args(["build", "--quiet", "--release", "--bin", "omnibus-firmware"])

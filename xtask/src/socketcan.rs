@@ -68,13 +68,7 @@ pub fn run() -> anyhow::Result<()> {
     let folder = cargo::target_folder().join("socketcan");
     std::fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
     let kernel = kernel(&folder)?;
-    let packages = [
-        "build",
-        "--package=omnibus-sim",
-        "--package=omnibus-master",
-        "--bins",
-    ];
-    cargo::run(cargo::command().args(packages))?;
+    cargo::run(cargo::tested("build").args(["--bin=omnibus", "--bin=omnibus-sim"]))?;
     let elf = firmware::build(Scalar::F32)?;
     let built = cargo::target_folder().join("debug");
     let tests = cargo::root().join("tests/socketcan");

@@ -9,10 +9,6 @@ use omnibus::report::Scalar;
 use crate::firmware::{Board, Wheels};
 use crate::{cargo, firmware};
 
-/// Switches on the tests that run the release image.
-const IMAGE_TESTS: &str = "omnibus-firmware/emulated,omnibus-emulator/elf,omnibus-sim/elf,\
-                           omnibus-master/elf,omnibus-acceptance/elf";
-
 /// The libraries whose tests are run once more in fixed point.
 const FIXED_TESTS: [&str; 6] = [
     "--package=omnibus-control",
@@ -26,9 +22,8 @@ const FIXED_TESTS: [&str; 6] = [
 /// Starts the build of all tests. It runs beside the builds of the images, whose last parts use one
 /// core, and says nothing: the tests' own run repeats it and reports what does not compile.
 fn start_build() -> Option<Child> {
-    cargo::command()
-        .args(["test", "--quiet", "--workspace", "--no-run"])
-        .args(["--features", IMAGE_TESTS])
+    cargo::tested("test")
+        .args(["--quiet", "--no-run"])
         .stdout(Stdio::null())
         .stderr(Stdio::null())
         .spawn()
@@ -124,10 +119,9 @@ fn run_all(rest: &[String]) -> anyhow::Result<()> {
     if let Some(mut build) = tests {
         build.wait().context("the build of the tests")?;
     }
-    let mut command = cargo::command();
+    let mut command = cargo::tested("test");
     command
-        .args(["test", "--workspace", "--no-fail-fast"])
-        .args(["--features", IMAGE_TESTS])
+        .arg("--no-fail-fast")
         .args(rest)
         .env("OMNIBUS_ELF", elf)
         .env("OMNIBUS_ELF_FIXED", fixed)

@@ -8,10 +8,16 @@
 
 use std::env;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, ExitCode, Stdio};
+use std::process::{Child, Command, ExitCode, ExitStatus, Stdio};
 
 /// The tasks that begin with the release image of the reference board.
 const WITH_IMAGE: [&str; 6] = ["bench", "demo", "faults", "interop", "socketcan", "test"];
+
+/// The tasks that go on to build everything as it is tested.
+const WITH_TESTS: [&str; 3] = ["interop", "socketcan", "test"];
+
+/// Those builds' features, as `xtask/src/cargo.rs` has them.
+const TESTED: &str = include_str!("../../tested.features");
 
 /// Whether a command line leads to a build of the release image.
 fn needs_image(arguments: &[String]) -> bool {
@@ -50,6 +56,40 @@ fn start_firmware(root: &Path) -> Option<Child> {
         .ok()
 }
 
+/// The tasks' own build and start. Where everything else is built next, they are built as a part of
+/// that: alone, they would have fewer features of the libraries they share, and these would be
+/// built twice.
+fn tasks(root: &Path, target: &Path, arguments: &[String]) -> std::io::Result<ExitStatus> {
+    let program = target
+        .join("debug")
+        .join(format!("xtask{}", env::consts::EXE_SUFFIX));
+    let tested = arguments
+        .first()
+        .is_some_and(|task| WITH_TESTS.contains(&task.as_str()));
+    let mut build = cargo(root);
+    build.arg(if tested { "build" } else { "run" });
+    // The first build takes minutes, and shows how far it is.
+    if program.exists() {
+        build.arg("--quiet");
+    }
+    if !tested {
+        return build
+            .args(["--package", "xtask", "--"])
+            .args(arguments)
+            .status();
+    }
+    let status = build
+        .args(["--workspace", "--features", TESTED, "--bin", "xtask"])
+        .status()?;
+    if !status.success() {
+        return Ok(status);
+    }
+    Command::new(program)
+        .current_dir(root)
+        .args(arguments)
+        .status()
+}
+
 fn main() -> ExitCode {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
     let root = here.ancestors().nth(2).unwrap_or(here);
@@ -59,20 +99,7 @@ fn main() -> ExitCode {
     let firmware = needs_image(&arguments)
         .then(|| start_firmware(root))
         .flatten();
-    let mut tasks = cargo(root);
-    tasks.arg("run");
-    // The first build takes minutes, and shows how far it is.
-    if target
-        .join("debug")
-        .join(format!("xtask{}", env::consts::EXE_SUFFIX))
-        .exists()
-    {
-        tasks.arg("--quiet");
-    }
-    let status = tasks
-        .args(["--package", "xtask", "--"])
-        .args(&arguments)
-        .status();
+    let status = tasks(root, &target, &arguments);
 
     // A task that ended early, say because of a wrong option, does not leave a build behind.
     if let Some(mut build) = firmware {
@@ -85,7 +112,7 @@ fn main() -> ExitCode {
             code.map_or(ExitCode::FAILURE, ExitCode::from)
         }
         Err(error) => {
-            eprintln!("error: cannot start cargo: {error}");
+            eprintln!("error: cannot start cargo or the tasks: {error}");
             ExitCode::FAILURE
         }
     }

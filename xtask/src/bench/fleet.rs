@@ -25,10 +25,7 @@ pub fn figures() -> anyhow::Result<Vec<Figure>> {
     let output = Command::new("python3")
         .current_dir(cargo::root())
         .args(["tests/interop/fleet_load.py", &GROUPS.to_string()])
-        .env(
-            "OMNIBUS_DOORS",
-            cargo::target_folder().join("release/omnibus"),
-        )
+        .env("OMNIBUS", cargo::target_folder().join("release/omnibus"))
         .output()
         .context("python3: is it installed?")?;
     if !output.status.success() {
