@@ -267,7 +267,7 @@ fn turned(
         row.fit.coefficient = coefficient;
         out.push(row);
     }
-    fit::widen(&mut out.iter_mut().collect::<Vec<_>>());
+    fit::widen(&mut out.iter_mut().collect::<Vec<_>>(), fit::SHARED_ACROSS);
     Ok((out, errors))
 }
 
