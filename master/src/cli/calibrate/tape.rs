@@ -88,7 +88,10 @@ fn question<L: Link>(
             (Way::Aside, Ok([y])) => return Ok(Some([0.0, *y, 0.0])),
             (Way::Oblique, Ok([x, y])) => return Ok(Some([*x, *y, 0.0])),
             (Way::Turn, Ok([degrees])) => return Ok(Some([0.0, 0.0, degrees.to_radians()])),
-            _ => print_note(format!("'{}' is not {wanted}", line.trim())),
+            _ => print_note(format!(
+                "'{}' is not a measurement; type one number for each of: {wanted}",
+                line.trim()
+            )),
         }
     }
 }
