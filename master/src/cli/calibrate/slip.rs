@@ -61,7 +61,8 @@ pub struct Slip {
     /// file.
     #[arg(long, value_name = "FILE.json")]
     kept: Option<PathBuf>,
-    /// Draws the coefficients over speed after every motion. A page reloads itself.
+    /// Draws the coefficients over speed after every motion; an existing file is replaced. A page
+    /// reloads itself.
     #[arg(long, value_name = "FILE.svg|FILE.png|FILE.html")]
     plot: Option<PathBuf>,
     /// Continues a calibration that ended early; completed motions are not driven again.
