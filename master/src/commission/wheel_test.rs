@@ -70,7 +70,6 @@ pub fn test_wheels<L: Link>(
         *identifier = bits(at)?;
     }
     let reversed = Reversed {
-        node,
         encoders: bits(address::ENCODER_REVERSED)?,
         motors: bits(address::MOTOR_REVERSED)?,
     };
@@ -174,29 +173,34 @@ fn other_drivers(wheel: usize, turned: &Turned, stage: u32, reversed: &Reversed)
 
 /// The bits of 0x2020:2 and :3 as they are.
 struct Reversed {
-    node: u8,
     encoders: u32,
     motors: u32,
 }
 
 impl Reversed {
     fn encoder(&self, wheel: usize) -> String {
-        let bits = self.encoders ^ 1 << wheel;
         format!(
-            "swap A and B of its encoder, or `omnibus param set {} {bits} --node {}`",
-            address::ENCODER_REVERSED,
-            self.node
+            "swap A and B of its encoder, or set `encoder.directions = {}` in the robot's entry of \
+             the group file",
+            directions(self.encoders ^ 1 << wheel)
         )
     }
 
     fn motor(&self, wheel: usize) -> String {
-        let bits = self.motors ^ 1 << wheel;
         format!(
-            "swap the wires of its motor, or `omnibus param set {} {bits} --node {}`",
-            address::MOTOR_REVERSED,
-            self.node
+            "swap the wires of its motor, or set `motor.directions = {}` in the robot's entry of \
+             the group file",
+            directions(self.motors ^ 1 << wheel)
         )
     }
+}
+
+/// Bits of reversed wheels as a key of the group file has them.
+fn directions(bits: u32) -> String {
+    format!(
+        "{:?}",
+        [0, 1, 2, 3].map(|wheel| if bits >> wheel & 1 == 1 { -1 } else { 1 })
+    )
 }
 
 fn judge(
@@ -339,7 +343,6 @@ mod tests {
     use super::*;
 
     const NONE: Reversed = Reversed {
-        node: 2,
         encoders: 0,
         motors: 0,
     };
@@ -445,23 +448,31 @@ mod tests {
         turned[1].speed = None;
         has(
             &problems(turned, [None; 4])[1],
-            &["backwards", "2020:2 2", "2020:3 2"],
+            &[
+                "backwards",
+                "encoder.directions = [1, -1, 1, 1]",
+                "motor.directions = [1, -1, 1, 1]",
+            ],
         );
         let observed = |forward| {
             let observed = Observed::Wheel { wheel: 1, forward };
             problems(turned, [None, Some(observed), None, None])[1].clone()
         };
-        has(&observed(true), &["swap A and B", "2020:2 2 --node 2"]);
+        has(
+            &observed(true),
+            &["swap A and B", "encoder.directions = [1, -1, 1, 1]"],
+        );
         has(
             &observed(false),
-            &["wires of its motor", "2020:3 2 --node 2"],
+            &["wires of its motor", "motor.directions = [1, -1, 1, 1]"],
         );
         // A bit that is set already is to be cleared.
         let set = Reversed {
             encoders: 0b0110,
             ..NONE
         };
-        has(&judge(turned, [None; 4], &set)[1].problem, &["2020:2 4 "]);
+        let cleared = &judge(turned, [None; 4], &set)[1].problem;
+        has(cleared, &["encoder.directions = [1, 1, -1, 1]"]);
         // Both: the counts look right, only the eye sees it.
         let both = Observed::Wheel {
             wheel: 0,
@@ -469,7 +480,10 @@ mod tests {
         };
         has(
             &problems(good(), [Some(both), None, None, None])[0],
-            &["2020:3 1", "2020:2 1"],
+            &[
+                "motor.directions = [-1, 1, 1, 1]",
+                "encoder.directions = [-1, 1, 1, 1]",
+            ],
         );
     }
 
