@@ -10,9 +10,8 @@
 //!
 //! A loaded wheel touches the floor over some angle, so a roller takes over gradually. While the
 //! edge between two rollers is within half of that angle of the lowest point, both carry, and the
-//! wheel moves by the mean of both, weighted by the load on either side of the edge, which is
-//! distributed as a parabola. How far a wheel settles is not known, so that angle is fitted as
-//! well.
+//! wheel moves by the mean of both, weighted by the load on either side of the edge, a parabola.
+//! How far a wheel settles is not known, so the angle is fitted as well.
 //!
 //! Wheels that contradict each other share the slip: the twist is the one with the least squared
 //! slip along the rollers' axles, as of contacts whose force is proportional to their slip. Across
