@@ -44,7 +44,7 @@ enum Bus {
     /// Another node that acknowledges.
     Other,
     /// A transceiver and no other node.
-    Nobody,
+    NoOtherNode,
     /// No transceiver: the controller does not see its own dominant bits.
     NoTransceiver,
     /// A node that keeps the bus for itself.
@@ -120,7 +120,7 @@ impl Desk {
                         self.left.push((self.now(), frame));
                     }
                 }
-                Bus::Nobody => {
+                Bus::NoOtherNode => {
                     self.board.run_until(until).unwrap();
                     self.board.can().error(CanError::Acknowledge);
                 }
@@ -244,7 +244,7 @@ fn a_robot_on_its_cable_answers_with_others_on_the_bus() {
 
 #[test]
 fn a_robot_on_its_cable_answers_with_nobody_on_the_bus() {
-    robot_answers(Bus::Nobody);
+    robot_answers(Bus::NoOtherNode);
 }
 
 #[test]
@@ -298,7 +298,7 @@ fn commands_are_answered_as_adapters_do() {
 #[test]
 fn a_command_is_answered_at_once() {
     const SOON_NS: u64 = 60_000;
-    let mut desk = Desk::new(Bus::Nobody);
+    let mut desk = Desk::new(Bus::NoOtherNode);
     // Every phase of the tick.
     for _ in 0..50 {
         desk.board.serial().send(b"\r", BAUD);

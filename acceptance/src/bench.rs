@@ -1,4 +1,4 @@
-//! What level 1 needs of the outside: a bus to the board, and hands.
+//! What level 1 needs from outside: a bus to the board, and someone who handles wires and plugs.
 
 use canopen::Frame;
 

@@ -1,4 +1,4 @@
-//! What a chip says about itself: device and revision (DBGMCU_IDCODE).
+//! A chip's device and revision, as it reports them (DBGMCU_IDCODE).
 //!
 //! Level 1 reads it from the self-test image, levels 2 and 3 from every robot (object 0x2001:6).
 

@@ -1,6 +1,6 @@
-//! What becomes of the figures of docs/performance.md that have a ceiling: the check that measures
-//! each on hardware, or why none does. The causes of docs/safety.md have the same list in
-//! `master/src/accept/faults/cases.rs`.
+//! For every figure of docs/performance.md that has a ceiling: the check that measures it on
+//! hardware, or why none does. `master/src/accept/faults/cases.rs` has the same list for the causes
+//! of docs/safety.md.
 
 /// What is done about a figure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,5 +1,5 @@
-//! Reports of hardware that were handed in, `docs/hardware/`: their format, and what README says of
-//! them.
+//! Submitted reports of hardware in `docs/hardware/`: their format, and the summary of them in
+//! README.
 
 use anyhow::{Context as _, ensure};
 use serde_json::Value;

@@ -1,13 +1,13 @@
-//! Acceptance: whether a board keeps what the documents promise.
+//! Acceptance: whether a board keeps the promises of the documents.
 //!
-//! Every check measures one figure, and compares it with a number that it finds in a document
-//! ([`promise`]), so that a promise exists once. Level 1 ([`level_one`]) needs a bare board, the
+//! Every check measures one figure and compares it with a number that it reads from a document
+//! ([`promise`]), so every promise is written once. Level 1 ([`level_one`]) needs a bare board, the
 //! wires of [`wires`] and the self-test image, whose objects are in `protocol::self_test`. The
-//! procedure is the same for a real board and an emulated one: it knows a [`Bench`], which is a bus
-//! and a pair of hands.
+//! procedure is the same for a real board and an emulated one: it uses a [`Bench`], which is a bus
+//! and someone who handles wires.
 //!
-//! What it cannot do: level 1 says nothing about motors and floors, and on an emulated board it
-//! tests the procedure and the firmware, not the chip.
+//! Limits: level 1 does not test motors or floors, and on an emulated board it tests the procedure
+//! and the firmware, not the chip.
 
 pub mod bench;
 pub mod causes;

@@ -2,8 +2,8 @@
 //! wires between their pins, numbered in the order in which they are put in. The one from a second
 //! board is dashed and begins below the board.
 //!
-//! It is made from the table that the checks use, so it cannot show other wires. What it cannot do:
-//! it knows the two 38-pin connectors of a NUCLEO-64 and no other board's.
+//! It is drawn from the table that the checks use, so it cannot show other wires. Limits: it knows
+//! only the two 38-pin connectors of a NUCLEO-64.
 
 use std::fmt::Write as _;
 

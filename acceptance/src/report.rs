@@ -1,8 +1,8 @@
 //! The report: JSON for machines, HTML for people, a line of text for the terminal.
 //!
-//! The page is one self-contained file in the dress of the other reports. An emulated or simulated
-//! run says so in the heading and in `hardware: false`. What it cannot know: a bus that another
-//! process simulates in real time looks like a real one.
+//! The page is one self-contained file in the style of the other reports. The heading and
+//! `hardware: false` mark an emulated or simulated run. Limits: a bus that another process
+//! simulates in real time looks like a real one.
 
 use std::fmt::Write as _;
 

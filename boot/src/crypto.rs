@@ -1,4 +1,4 @@
-//! Signatures and hashes: the boot code has them, and lends them to the image.
+//! Signatures and hashes. The boot code contains their implementation, and the image calls it.
 
 /// Ed25519 (RFC 8032) and SHA-512 (FIPS 180-4).
 pub trait Crypto {

@@ -1,9 +1,9 @@
 //! The public key that images are checked with.
 //!
-//! It is built in: that of the file `OMNIBUS_PUBLIC_KEY` names in the environment of the build, or
-//! else the development key. The private half of the development key is [in the
-//! open](DEVELOPMENT_PRIVATE), so that anyone can try updates in the simulator; a signature with
-//! it proves nothing.
+//! It is built in: the key in the file that `OMNIBUS_PUBLIC_KEY` names in the environment of the
+//! build, or else the development key. The private half of the development key is [in the
+//! open](DEVELOPMENT_PRIVATE), so that anyone can try updates in the simulator; a signature with it
+//! proves nothing.
 
 /// The key that this was built with.
 pub const PUBLIC: [u8; 32] = *include_bytes!(concat!(env!("OUT_DIR"), "/public_key"));

@@ -2,12 +2,12 @@
 //!
 //! # Theory of operation
 //!
-//! Flash holds two [slots], and a program runs where it lies. An update writes the slot
-//! that is not running, checks what it has written and [seals](records) it. A sealed image is
-//! started on trial; it confirms itself when it has shown that it works, and otherwise the boot
-//! code goes back to the other one. What is known about a slot is written at the end of that slot,
-//! word by word and never over anything, so that erasing a slot erases what was known about it and
-//! a loss of power between any two words leaves a state that has a meaning.
+//! Flash holds two [slots], and a program runs where it lies. An update writes the slot that is not
+//! running, checks what it has written and [seals](records) it. A sealed image is started on trial;
+//! it confirms itself when it has shown that it works, and otherwise the boot code goes back to the
+//! other one. The state of a slot is written at its end, word by word and never over an earlier
+//! word. So erasing a slot erases its state, and a loss of power between any two words leaves a
+//! valid state.
 //!
 //! A [file](header) has one signed header and the image linked for either slot.
 //!
@@ -23,8 +23,9 @@
 //!
 //! # Limits
 //!
-//! The boot code does not check signatures at a start, only the checksum of what was checked when
-//! it was received. Who can write flash with a debugger can run anything.
+//! The boot code does not check signatures at a start, only the checksum of an image whose
+//! signature was checked when it was received. Anyone who can write flash with a debugger can run
+//! anything.
 #![no_std]
 #![forbid(unsafe_code)]
 #![cfg_attr(

@@ -1,4 +1,4 @@
-//! What is known about a slot, and which slot is started.
+//! The state of each slot, and the decision which slot is started.
 //!
 //! # Theory of operation
 //!
@@ -15,20 +15,20 @@
 //! | 14 | by the order to go back | rejected |
 //! | 15 | | |
 //!
-//! The sector before slot A has the *mark of the cable*: a programmer writes this sector
-//! with the program. It says that slot A is to be started whatever is known about the
-//! slots, until an update [begins](begin).
+//! The sector before slot A has the *mark of the cable*: a programmer writes this sector with the
+//! program. It means that slot A is started whatever the states of the slots, until an update
+//! [begins](begin).
 //!
 //! # Loss of power
 //!
-//! A word that was being written may have any bits, and read otherwise the next time. So a mark
-//! counts when it is not blank, but for confirmation, which is two words: the first has to be 0
-//! and the second not blank. An image that finds itself [confirmed but not settled](State) writes
-//! both again.
+//! A word whose writing was interrupted may have any bits, and may read differently the next time.
+//! So a word counts as written when it is not blank. Only confirmation needs two words: the first
+//! has to be 0 and the second not blank. An image that finds itself [confirmed but not
+//! settled](State) writes both again.
 //!
 //! # Limits
 //!
-//! Nothing here erases; a slot is erased by who updates it.
+//! Nothing here erases; the program that updates a slot erases it.
 
 use crate::Checksum;
 use crate::slots::{self, Slot};

@@ -1,13 +1,13 @@
-//! What the boot code lends to an image: a table of functions at a fixed address.
+//! Functions of the boot code that an image may call: a table at a fixed address.
 //!
-//! Nearly all of the boot code's 11 KB are for signatures. In sector 0 there is room for them, and
-//! so they are in flash once and not in either slot. The functions use the caller's stack, some 3
-//! KB, and no other RAM; the state of a hash is in memory of the caller's.
+//! Nearly all of the boot code's 11 KB are for signatures. Sector 0 has room for them, so they are
+//! in flash once and not in either slot. The functions use the caller's stack, some 3 KB, and no
+//! other RAM; the state of a hash is in the caller's memory.
 //!
-//! A caller promises that every pointer is valid for the call, aligned, and unchanged by others;
-//! that `update` and `finish` get memory which `begin` has written; and that nothing uses that
-//! memory as a hash after `finish`. `program_flash` of the firmware is the only caller, and its
-//! safe functions keep these promises.
+//! A caller guarantees that every pointer is valid for the call, aligned, and unchanged by others;
+//! that `update` and `finish` get memory which `begin` has written; and that this memory is not
+//! used as a hash after `finish`. `program_flash` of the firmware is the only caller, and its safe
+//! functions keep these promises.
 
 /// Where the table is: behind the processor's sixteen vectors.
 pub const ADDRESS: u32 = crate::slots::BOOT + 0x40;

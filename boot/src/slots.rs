@@ -1,5 +1,4 @@
-//! Where everything lies in flash: the only place that says it in Rust; `memory/` is for the
-//! linker.
+//! The layout of flash. It is defined only here in Rust; `memory/` has it for the linker.
 //!
 //! | sectors | address | length | |
 //! |---|---|---|---|

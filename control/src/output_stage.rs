@@ -18,12 +18,13 @@
 //! | IN/IN, fast decay | IN1 `u`, IN2 low | IN1 low, IN2 `-u` | both low |
 //! | IN/IN, brake between | IN1 high, IN2 `1 - u` | IN1 `1 + u`, IN2 high | both high |
 //!
-//! A duty is taken in whole steps of 2^-24, which is what a float near 1 has and what fixed point
-//! is in anyway, so the rest is the same integers for either.
+//! A duty is converted to whole steps of 2^-24, the resolution of a float near 1 and of the
+//! fixed-point duty, so both continue with the same integers.
 //!
-//! All are one formula: a base, from which so many clocks are counted up or down. [`Pattern`]
-//! holds base and way for either direction, worked out when the robot is configured, so a control
-//! tick takes the same instructions for every kind. Of two PWMs one is at what no duty gives.
+//! All kinds are one formula: the clocks of the duty are added to a base or subtracted from it.
+//! [`Pattern`] holds base and sign for either direction. They are computed when the robot is
+//! configured, so a control tick takes the same instructions for every kind. Of two PWMs, the one
+//! that the duty does not change is at its value for a duty of zero.
 //!
 //! # Interface
 //!

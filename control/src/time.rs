@@ -1,6 +1,6 @@
 //! Time as the control side sees it, and the period of its tick.
 //!
-//! Microseconds since some start, monotonic, handed in by the caller; a span is a `Micros` too.
+//! Microseconds since some start, monotonic, passed in by the caller; a duration is a `Micros` too.
 //! Sums and differences saturate: 2^64 us are 584 000 years.
 
 use core::ops::{Add, Sub};

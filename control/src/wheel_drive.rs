@@ -3,8 +3,8 @@
 //! # Theory of operation
 //!
 //! A loop works in volts at the motor ([`crate::wheel`]), whatever turns the wheel, so gains,
-//! torque bound and supervision mean the same on every robot. What a drive is given for that
-//! voltage is its own matter:
+//! torque bound and supervision mean the same on every robot. The conversion of that voltage
+//! depends on the drive:
 //!
 //! - a bridge ([`Bridge`]) is given a duty, which is the voltage over the supply;
 //! - a drive that regulates current ([`CurrentDrive`]) is given the current that this voltage would
@@ -27,9 +27,9 @@
 //!
 //! # Limits
 //!
-//! A current drive's own regulator is taken to be fast: its time constant is a fraction of a tick.
-//! An identification of the motors behind current drives finds the voltages that this conversion
-//! puts in, so it confirms `kV` and `R` and measures friction and inertia only.
+//! The regulator in a current drive is assumed to be fast: its time constant is a fraction of a
+//! tick. An identification of motors behind current drives finds the `kV` and `R` that this
+//! conversion uses, so it measures friction and inertia only.
 
 use crate::quantity::{Conductance, Drive, Rate, RateGain, Sign, Voltage};
 use crate::wheel::Gains;

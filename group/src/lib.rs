@@ -38,7 +38,7 @@ pub use check::Examination;
 pub use error::GroupError;
 pub use model::{
     Board, CompensationTable, ContactLag, Control, Encoder, FIRST_NODE, Feedforward, GroupFile,
-    LAST_NODE, Limits, Motor, OutputStage, Robot, Rollers, StageKind, Wheel,
+    LAST_NODE, Limits, Motor, OutputStage, Reversed, Robot, Rollers, StageKind, Wheel,
 };
 pub use parameters::{
     Parameter, ROOM, agreement_delay_us, compensation_set, member_mask, parameters, preview_us,

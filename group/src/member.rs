@@ -13,7 +13,8 @@ use protocol::compensation::{ObliqueRow, Row};
 
 use crate::check::{Checked, Checker, Range, Reported, Value, default};
 use crate::model::{
-    Board, CompensationTable, Control, Encoder, FIRST_NODE, LAST_NODE, Motor, Robot, Rollers, Wheel,
+    Board, CompensationTable, Control, Encoder, FIRST_NODE, LAST_NODE, Motor, Reversed, Robot,
+    Rollers, Wheel,
 };
 use crate::schema::{self, At};
 
@@ -91,6 +92,14 @@ impl Checker<'_> {
                 Some(1.0),
             ),
         };
+        let reversed = Reversed {
+            encoders: field.reversed(
+                "encoder.directions",
+                &e.encoder.directions,
+                &d.encoder.directions,
+            ),
+            motors: field.reversed("motor.directions", &e.motor.directions, &d.motor.directions),
+        };
         let control = Control {
             proportional: not_negative(
                 "control.proportional",
@@ -130,6 +139,7 @@ impl Checker<'_> {
             max_wheel_rate,
             board,
             encoder,
+            reversed,
             output,
             motor,
             control,
@@ -537,6 +547,22 @@ impl Member<'_, '_> {
         let remedy = "give it in `[robot]` or in this entry";
         self.checker.report(self.at, &field, "is missing", remedy);
         self.checker.settle(shared);
+    }
+
+    /// The wheels whose direction is -1, one bit each.
+    fn reversed(
+        &self,
+        key: &str,
+        own: &Option<At<[f64; 4]>>,
+        shared: &Option<At<[f64; 4]>>,
+    ) -> Option<u8> {
+        let given = own.as_ref().or(shared.as_ref())?.get_ref();
+        if given.iter().any(|direction| direction.abs() != 1.0) {
+            let problem = format!("is {given:?}");
+            self.refuse(key, own, shared, &problem, "give 1 or -1 for each wheel");
+        }
+        let bits = (0..).zip(given).filter(|(_, direction)| **direction < 0.0);
+        Some(bits.map(|(wheel, _)| 1 << wheel).sum())
     }
 
     fn refuse<T>(

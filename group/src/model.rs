@@ -98,12 +98,24 @@ pub struct Robot {
     pub board: Board,
     /// The wheel's encoder.
     pub encoder: Encoder,
+    /// Encoders and motors that are wired or mounted the other way round.
+    pub reversed: Reversed,
     /// The wheel's motor with its gear.
     pub motor: Motor,
     /// What its motors' drivers and brakes stand and take.
     pub output: OutputStage,
     /// Gains of the wheel-rate loop.
     pub control: Control,
+}
+
+/// Encoders and motors that are wired or mounted the other way round, as objects 0x2020:2 and :3:
+/// bit 0 front left, 1 front right, 2 rear left, 3 rear right. `None` where the file does not say.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Reversed {
+    /// These count down when the wheel rolls the base forward.
+    pub encoders: Option<u8>,
+    /// These roll the base backward with a positive duty.
+    pub motors: Option<u8>,
 }
 
 /// One wheel of a robot whose wheels differ.

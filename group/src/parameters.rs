@@ -74,12 +74,13 @@ pub fn parameters(file: &GroupFile, robot: &Robot, compensation: bool) -> Vec<Pa
         real(address::GEAR_RATIO, robot.encoder.gear_ratio),
         real(address::ENCODER_COUNTS, robot.encoder.counts_per_revolution),
     ];
-    if !robot.control.identified {
-        // As wired by the book: encoders count up and motors turn forward when it rolls forward.
-        out.extend([
-            (address::ENCODER_REVERSED, Value::U8(0)),
-            (address::MOTOR_REVERSED, Value::U8(0)),
-        ]);
+    // As wired by the book: encoders count up and motors turn forward when it rolls forward.
+    let usual = (!robot.control.identified).then_some(0);
+    for (at, reversed) in [
+        (address::ENCODER_REVERSED, robot.reversed.encoders),
+        (address::MOTOR_REVERSED, robot.reversed.motors),
+    ] {
+        out.extend(reversed.or(usual).map(|bits| (at, Value::U8(bits))));
     }
     for (place, wheel) in (0..).zip(robot.wheels.iter().flatten()) {
         out.extend([

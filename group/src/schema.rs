@@ -169,6 +169,7 @@ pub struct CompensationTable {
 pub struct Encoder {
     pub counts_per_revolution: Option<At<f64>>,
     pub gear_ratio: Option<At<f64>>,
+    pub directions: Option<At<[f64; 4]>>,
 }
 
 #[derive(Debug, Default, Deserialize)]
@@ -181,6 +182,7 @@ pub struct Motor {
     pub inertia: Option<At<f64>>,
     pub friction: Option<At<f64>>,
     pub viscous: Option<At<f64>>,
+    pub directions: Option<At<[f64; 4]>>,
     pub largest_current: Option<At<f64>>,
     pub largest_duty: Option<At<f64>>,
     pub brake_release_ms: Option<At<f64>>,

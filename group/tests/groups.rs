@@ -255,6 +255,33 @@ fn the_identifiers_of_smart_drives_are_written() {
     assert_eq!(written(&GroupFile::load(path).unwrap(), 0, 0x202C, 1), None);
 }
 
+/// What is mounted the other way round is the file's to say; a robot with identified motors keeps
+/// its own bits where the file does not.
+#[test]
+fn directions_of_motors_and_encoders_are_written() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../groups/single.toml");
+    let text = std::fs::read_to_string(path).unwrap();
+    let bits = |keys: &str| {
+        let text = text.replacen("[[robots]]", &format!("[[robots]]\n{keys}"), 1);
+        let file = GroupFile::parse("single.toml", &text).map_err(|error| error.to_string())?;
+        let byte = |sub| match written(&file, 0, 0x2020, sub) {
+            Some(Value::U8(byte)) => Some(byte),
+            _ => None,
+        };
+        Ok::<_, String>([byte(2), byte(3)])
+    };
+    assert_eq!(bits("").unwrap(), [Some(0), Some(0)]);
+    let turned = "encoder.directions = [1, -1, 1, -1]\nmotor.directions = [1, 1, -1, 1]";
+    assert_eq!(bits(turned).unwrap(), [Some(0b1010), Some(0b0100)]);
+    assert_eq!(bits("control.identified = true").unwrap(), [None, None]);
+    let both = format!("control.identified = true\n{turned}");
+    assert_eq!(bits(&both).unwrap(), [Some(0b1010), Some(0b0100)]);
+    for wrong in ["[1, 0, 1, 1]", "[1, -2, 1, 1]"] {
+        let refused = bits(&format!("motor.directions = {wrong}")).unwrap_err();
+        assert!(refused.contains("give 1 or -1"), "{refused}");
+    }
+}
+
 /// A robot that had a sensor, a pause or another frequency before forgets it.
 #[test]
 fn sensors_and_frequencies_are_written_with_their_defaults() {

@@ -17,7 +17,7 @@ const EXAMPLES: &str = "Examples:
 A bus is auto (the adapter or robot that is plugged in), sim:GROUP.toml (a simulated world in this
 process), socketcan:INTERFACE, slcan:DEVICE, slcan-tcp://HOST:PORT or
 socketcand://HOST:PORT/INTERFACE. Commands that move a group on a real bus also need --group
-GROUP.toml. The environment variable OMNIBUS_BUS replaces --bus.";
+GROUP.toml. The environment variables OMNIBUS_BUS and OMNIBUS_GROUP replace --bus and --group.";
 
 /// Makes several Mecanum-wheeled robots move as one body.
 #[derive(Parser)]

@@ -325,3 +325,26 @@ fn refuses_missing(call: &str, rest: &[&str], give: &str) {
         "{call}: {message}"
     );
 }
+
+#[test]
+fn the_usual_group_file_is_named_by_the_environment() {
+    let run = |bus: &str| {
+        let output = Command::new(env!("CARGO_BIN_EXE_omnibus"))
+            .current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/.."))
+            .env("OMNIBUS_GROUP", "groups/none.toml")
+            .args(["status", "--bus", bus])
+            .output()
+            .unwrap();
+        (
+            output.status.code(),
+            String::from_utf8(output.stderr).unwrap(),
+        )
+    };
+    let (code, message) = run("slcan-tcp://127.0.0.1:9");
+    assert!(
+        code == Some(1) && message.contains("groups/none.toml"),
+        "{message}"
+    );
+    let (code, message) = run("sim:groups/single.toml");
+    assert_eq!(code, Some(0), "a simulated bus names its own: {message}");
+}

@@ -1,18 +1,18 @@
 //! The bus side: the CANopen device, the robot's application behind it, and the way in and out.
 //!
-//! A frame goes to the device, which knows whose service it is for and calls the application for
-//! what concerns the robot: a SYNC, a setpoint, a heartbeat, what another member sends, the value
-//! of an object. Only what needs device and application at once is here: a start, a change of the
-//! NMT state, emergency messages, the store.
+//! A frame goes to the device, which finds the service that it belongs to and calls the application
+//! for a SYNC, a setpoint, a heartbeat, a frame of another member, or the value of an object. This
+//! module does what needs both device and application: a start, a change of the NMT state,
+//! emergency messages, the store.
 //!
-//! Frames must come in the order they were received; with each comes the time of its reception, and
-//! all timeouts are checked before a frame is, so a frame that comes too late revives nothing. The
-//! owner keeps it going:
+//! Frames must come in the order of their reception, each with its time. All timeouts are checked
+//! before a frame is, so a frame that comes too late does not end a timeout. The owner has three
+//! duties:
 //!
 //! - after every control tick (or at least once per SYNC) hand over the newest [`Report`];
 //! - after every call take the [`Configuration`] if there is one, then the [`Command`];
-//! - call [`BusSide::poll`] at [`BusSide::next_deadline`], which is never further than 10 ms away:
-//!   the control side takes a bus side without sign of life for dead.
+//! - call [`BusSide::poll`] at [`BusSide::next_deadline`], which is never further than 10 ms away,
+//!   because the control side treats a silent bus side as failed.
 //!
 //! Queues that can fill up: the device's frames and events, and the events here; all drop the
 //! newest, and the device counts it.

@@ -1,10 +1,9 @@
-//! What the CAN controller says about the bus: its error counters, and what the robot reports of
-//! them.
+//! The error counters of the CAN controller, and what the robot reports of them.
 //!
-//! A connector that works loose or a missing terminator shows here first, long before frames are
-//! lost for good: a controller repeats what failed. Error passive is announced by the emergency
-//! message CiA 301 has for it (0x8120) and shown as a limit for as long as it lasts. It does
-//! not stop the group: only a missing frame does.
+//! A loose connector or a missing terminator shows here long before frames are lost, because a
+//! controller repeats frames that failed. Error passive is announced by the emergency message CiA
+//! 301 has for it (0x8120) and shown as a limit for as long as it lasts. It does not stop the
+//! group: only a missing frame does.
 
 /// Error counters of the CAN controller (ISO 11898-1).
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]

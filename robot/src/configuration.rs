@@ -1,8 +1,8 @@
 //! A robot's configuration: all its parameters, checked as a whole.
 //!
 //! Built from the [`Parameters`] at every start, and only then, so that a half-written set never
-//! drives anything. What the control loop needs is worked out here: the folded kinematics, signed
-//! angles per count, limits as reciprocals. After this there is nothing left to go wrong.
+//! drives anything. What the control loop needs is computed here: the folded kinematics, signed
+//! angles per count, limits as reciprocals. Nothing that uses the configuration can fail.
 
 mod wheel_drives;
 

@@ -1,14 +1,15 @@
-//! The last eight faults, over power losses: each with the number of the start, the time since
-//! then, the supply voltage and the wheel rates.
+//! The last eight faults, saved over power losses: each with the number of the start, the time
+//! since then, the supply voltage and the wheel rates.
 //!
-//! They lie here; the platform puts them into flash and gives them back at start-up, the newest
-//! last. Since flash stops the program while it is written, that is done at rest only: when the
-//! outputs have been off for [`REST_US`]. To bound the wear it begins [`FIRST_US`] after start-up,
-//! so a robot that is reset again and again sooner writes nothing, and there are [`PAUSE_US`]
-//! between two turns, in each of which eight faults can be written at most: those that fall out
-//! before are not among the last eight. A fault that comes again while the robot stands, as every
-//! start does that is refused, is kept once. If the flash fails, nothing more is written in this
-//! run.
+//! This module holds them. The platform saves them to flash and returns them at start-up, the
+//! newest last. The program stops while flash is written, so this is done only at rest, when the
+//! outputs have been off for [`REST_US`].
+//!
+//! Two times bound the wear. The first write is [`FIRST_US`] after start-up, so a robot that is
+//! reset repeatedly sooner writes nothing. [`PAUSE_US`] lie between two rounds of writing, and a
+//! round writes at most eight faults, because older ones are no longer among the last eight. A
+//! fault that repeats while the robot stands, such as a refused start, is saved once. If the flash
+//! fails, nothing more is written until the next start-up.
 
 use control::time::Micros;
 use protocol::StoredFault;

@@ -3,25 +3,25 @@
 //! # Theory of operation
 //!
 //! A robot that has a key refuses every write of an object that the table marks as guarded, of a
-//! communication object, and of a node-ID, until it has been unlocked. It is asked for a challenge
-//! and given the response, HMAC-SHA-512 (RFC 2104, FIPS 180-4) of the challenge and the node-ID
-//! under the key. The challenge is itself such a code, of serial number, number of the start and
-//! number of the attempt, so no two attempts have the same one, and only who has the key could
-//! know it beforehand. Each attempt uses up its challenge, whether it was right or wrong.
+//! communication object, and of a node-ID, until it has been unlocked. A client reads a challenge
+//! and writes the response, which is the HMAC-SHA-512 (RFC 2104, FIPS 180-4) of the challenge and
+//! the node-ID under the key. The challenge is itself an HMAC, of serial number, number of the
+//! start and number of the attempt. So no two attempts have the same one, and it cannot be
+//! predicted without the key. Each attempt uses up its challenge, whether it was right or wrong.
 //!
-//! A wrong response bars further ones for a second, and each in a row twice as long, up to 64 s; a
-//! reset by NMT does not end that. The robot locks itself when nothing guarded has been written for
-//! ten minutes, when it is told to, and at every reset.
+//! A wrong response bars further ones for a second, and each further one in a row for twice as
+//! long, up to 64 s; a reset by NMT does not end that. The robot locks itself when nothing guarded
+//! has been written for ten minutes, on command, and at every reset.
 //!
 //! # Interface
 //!
-//! The application asks `Lock::pass` before what is guarded. The platform lends a hash, keeps
-//! the key in flash, and gives it back at start.
+//! The application asks `Lock::pass` before a guarded write. The platform provides the hash
+//! function, stores the key in flash, and returns it at start.
 //!
 //! # Limits
 //!
-//! A key of zeros is none. The key itself travels over the bus when it is set: who listens then
-//! has it. Nothing that moves or stops a robot is guarded.
+//! A key of zeros means that there is none. The key itself is sent over the bus when it is set, so
+//! anyone who listens then has it. No object that moves or stops a robot is guarded.
 
 use boot::Crypto;
 use canopen::AbortCode;

@@ -1,10 +1,10 @@
 //! The parameters as the bus writes them: one word each, and whether it has been written.
 //!
-//! The compensation set is longer; its word is its CRC, and its bytes lie beside the words.
+//! The compensation set is longer; its word is its CRC, and its bytes are stored beside the words.
 //!
 //! Nothing here takes effect. A value is checked against its own limits when it is written; the set
-//! is turned into a [`control::configuration::Configuration`], and checked as a set, when the robot
-//! is started.
+//! is converted into a [`control::configuration::Configuration`], and checked as a set, when the
+//! robot is started.
 
 use kinematics::{CompensationError, VelocityCompensation};
 use protocol::address as at;

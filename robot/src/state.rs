@@ -2,9 +2,9 @@
 //!
 //! Terms: *started* is an accepted NMT start; *ready* is stopped and well; *armed* is started, with
 //! drivers on, standing; *ramping* is on the way to standstill; *faulted* is at rest with the cause
-//! kept. The function knows no time and no messages: the code that watches timers, members and
-//! wheels turns what it sees into one of eight [`Event`]s. There are two ways out of a standstill,
-//! and both begin with a start from the master.
+//! saved. The function knows no time and no messages: the code that watches timers, members and
+//! wheels converts what it detects into one of eight [`Event`]s. There are two ways out of a
+//! standstill, and both begin with a start from the master.
 
 use protocol::{Fault, MemberState, Reaction};
 

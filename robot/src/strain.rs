@@ -1,9 +1,9 @@
 //! Detects members that disagree about the motion of the group.
 //!
 //! Every member publishes the group twist that its own wheels measure. On a rigid load all of them
-//! must be the same; a difference is slip or strain in the load. The difference to each other
-//! member is taken where it acts: as a velocity at this robot's own place, so that a difference in
-//! yaw counts the more the longer the lever is.
+//! must be the same; a difference is slip or strain in the load. The difference from each other
+//! member is computed as a velocity at this robot's own position, where it acts, so a difference in
+//! yaw counts in proportion to its lever.
 
 use control::time::Micros;
 use kinematics::Twist;

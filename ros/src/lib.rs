@@ -3,7 +3,7 @@
 //! | module | what is in it |
 //! |---|---|
 //! | [`message`] | the messages that are used, with their definitions and their CDR encoding |
-//! | [`names`] | namespace, frames and joints: what they are called |
+//! | [`names`] | names of namespace, frames and joints |
 //! | [`urdf`], [`nav2`], [`localization`] | files made from a group file: the robot's model, parameters of Nav2 and of `robot_localization` |
 //! | `node` | the node on DDS; the cargo feature of that name |
 //!

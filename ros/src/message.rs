@@ -1,9 +1,9 @@
 //! The ROS 2 messages that are used here, each a struct with the fields of its definition.
 //!
 //! The macro `messages!` declares a struct once: its fields in the order of the definition, which
-//! is the order in CDR. [`definition`] makes the text of a `.msg` file of it, with those of the
-//! messages in it, as recordings carry it (`ros2msg`). A test compares fields and layout with
-//! another implementation (`tests/interop/test_ros.py`).
+//! is the order in CDR. [`definition`] makes the text of its `.msg` file, with those of the
+//! messages in it, in the form that recordings contain (`ros2msg`). A test compares fields and
+//! layout with another implementation (`tests/interop/test_ros.py`).
 
 use serde::de::{Error as _, SeqAccess, Visitor};
 use serde::ser::SerializeTuple as _;

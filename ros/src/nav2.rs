@@ -1,8 +1,8 @@
 //! Parameters of Nav2 for a group: a controller that strafes, its limits, and the group's outline.
 //!
-//! The limits are the group file's, the outline is the convex hull of the robots' wheels with a
-//! margin. What does not depend on the group (costs, tolerances, the planner) has starting values
-//! to be tuned.
+//! The limits are those of the group file, and the outline is the convex hull of the robots' wheels
+//! with a margin. Parameters that do not depend on the group (costs, tolerances, the planner) have
+//! initial values that the user tunes.
 
 use std::fmt::Write as _;
 

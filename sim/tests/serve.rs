@@ -203,7 +203,7 @@ fn socketcand_and_slcan_share_the_bus() {
         let text = bracket(&mut raw);
         let words: Vec<&str> = text.split(' ').collect();
         assert_eq!((words[0], words[1]), ("<", "frame"), "{text}");
-        // Nobody hears himself.
+        // No client receives its own frames.
         assert_ne!(words[2], "7EF", "{text}");
         if words[2] == "7EE" {
             received.push(words[4..].join(" "));

@@ -35,11 +35,11 @@ def setUpModule():
 
 
 class Dbc(unittest.TestCase):
-    def test_decodes_every_pdo_of_a_drive(self):
+    def test_decodes_every_frame_of_a_drive_but_sdo_and_nmt(self):
         database = cantools.database.load_file(ROOT / "docs" / "omnibus.dbc")
         count, states = {}, set()
         for _, identifier, data in frames(DRIVE):
-            if not 0x180 <= identifier < 0x580:
+            if identifier == 0 or 0x580 <= identifier < 0x700:
                 continue
             message = database.get_message_by_frame_id(identifier)
             self.assertEqual(message.length, len(data))
@@ -50,10 +50,18 @@ class Dbc(unittest.TestCase):
                 states.add(str(values["State"]))
             count[identifier] = count.get(identifier, 0) + 1
         self.assertEqual(
-            sorted(count), [0x181, *(base + node for base in (0x180, 0x280, 0x380, 0x480) for node in (2, 3, 4))]
+            sorted(count),
+            [0x080, 0x181, *(base + node for base in (0x180, 0x280, 0x380, 0x480) for node in (2, 3, 4))]
+            + [0x701, 0x702, 0x703, 0x704],
         )
         self.assertLessEqual({"Armed", "Moving"}, states)
-        print(f"cantools: {sum(count.values())} PDOs of {len(count)} identifiers decoded")
+        print(f"cantools: {sum(count.values())} frames of {len(count)} identifiers decoded")
+
+    def test_an_emergency_message_names_its_fault(self):
+        database = cantools.database.load_file(ROOT / "docs" / "omnibus.dbc")
+        message = database.get_message_by_frame_id(0x082)
+        values = message.decode(bytes.fromhex("02FF810000000000"))
+        self.assertEqual((str(values["Code"]), values["Error_register"]), ("SyncLost", 0x81))
 
     def test_a_twist_means_what_it_says(self):
         database = cantools.database.load_file(ROOT / "docs" / "omnibus.dbc")

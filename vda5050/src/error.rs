@@ -1,4 +1,4 @@
-//! What is wrong with an order or an instant action, by the standard's own names.
+//! Errors of orders and instant actions, with the names of the standard.
 
 use crate::Version;
 

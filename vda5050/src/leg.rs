@@ -1,10 +1,10 @@
 //! From edges to poses on the map.
 //!
-//! An edge becomes one [`Leg`] or several: a turn on the spot before it where the edge forbids
-//! turning, the way along its trajectory or the straight line, and a turn on the spot at its end
-//! where the node wants another heading than the edge (6.7). A leg is a row of poses close to each
-//! other, with headings that go on without jumps of a whole turn; how fast it is driven is decided
-//! by what drives it.
+//! An edge becomes one [`Leg`] or several: a turn on the spot before it if the edge forbids
+//! turning, the path along its trajectory or a straight line, and a turn on the spot at its end if
+//! the node asks for another heading than the edge (6.7). A leg is a sequence of closely spaced
+//! poses whose headings have no jumps of a whole turn. Its speed is decided by the caller that
+//! drives it.
 //!
 //! Where an edge has an orientation that the vehicle does not have yet and turning is allowed, the
 //! difference fades over the first half of the edge. Without an orientation the vehicle turns

@@ -1,4 +1,4 @@
-//! The order that a vehicle holds, and how far it is with it (6.6.2, 6.10.2).
+//! The order that a vehicle holds, and its progress in it (6.6.2, 6.10.2).
 
 use std::collections::VecDeque;
 

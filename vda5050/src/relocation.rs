@@ -1,8 +1,8 @@
 //! The action `initPosition` (6.8.1), called `initializePosition` in 3.0: at once, or on a node.
 //!
-//! On a node it is done when the vehicle stands there: the drive ends at the node, the vehicle is
-//! told where it is and on which map, and goes on from there. What follows in the order has the
-//! coordinates of that map, as behind the door of a lift.
+//! On a node the action is executed when the vehicle stands there: the drive ends at the node, the
+//! action sets the vehicle's position and map, and the drive continues from there. The rest of the
+//! order is in the coordinates of that map, for example after a lift.
 
 use kinematics::Pose;
 use serde_json::Value;

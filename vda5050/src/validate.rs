@@ -1,5 +1,5 @@
-//! What an order must be before anything else is asked: chapters 6.6.1 and 6.7, and what this
-//! vehicle can do at all (6.6.4.1, 6.6.4.2).
+//! Validation of an order by itself: chapters 6.6.1 and 6.7, and whether this vehicle can execute
+//! it at all (6.6.4.1, 6.6.4.2).
 
 use std::f64::consts::PI;
 

@@ -1,4 +1,4 @@
-//! Which version of VDA 5050 is spoken.
+//! The version of VDA 5050 in use.
 
 use std::fmt;
 use std::str::FromStr;

@@ -1,9 +1,9 @@
 //! A second emulated board on the bus of the first, with its own crystal, and a wire from its
 //! output to the first one's input.
 //!
-//! The boards share frames and one wire that leads one way, so the second can always run first:
-//! its edges are recorded with their times, and given to the first board as it comes there. Frames
-//! are looked for every [`SLICE_NS`], so a transmission may begin that much later than it could.
+//! The boards share frames and one wire with one direction, so the second board can always run
+//! first: its edges are recorded with their times and applied to the first board when it reaches
+//! them. Frames are exchanged every [`SLICE_NS`], so a transmission may begin late by that time.
 
 use emulator::{Board, BoardConfig, CanFrame, Change, Firmware, PinLevel, Port};
 

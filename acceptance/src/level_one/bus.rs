@@ -1,4 +1,4 @@
-//! CAN: errors over many frames, and the way back from bus-off.
+//! CAN: errors over many frames, and recovery from bus-off.
 
 use anyhow::Context as _;
 use canopen::Frame;

@@ -1,14 +1,15 @@
 //! A bare board that drives, as far as a board without wheels can: it is configured and started
 //! like a robot, follows setpoints and has its loops closed, but its encoders stand still.
 //!
-//! A robot whose wheels do not turn stops with a fault; without the check for blocked wheels
-//! (0x2031:5 is 0) it goes on, because encoders that all stand still do not contradict each other.
-//! The emergency stop has to be closed: the debugger makes the node switches PC8 and PC9 low
-//! outputs, and wires 15 and 16 lead from there to both inputs of the stop. Wires 13 and 14 have to
-//! be out. Driver enable would report a fault of the drivers, because it is low before the start.
+//! A robot whose wheels do not turn stops with a fault. Without the check for blocked wheels
+//! (0x2031:5 is 0) it continues, because encoders that all stand still do not contradict each
+//! other. The emergency stop has to be closed: the debugger makes the node switches PC8 and PC9 low
+//! outputs, and wires 15 and 16 connect them with both inputs of the stop. Wires 13 and 14 have to
+//! be removed: driver enable is low before the start, and by wire 13 it would report a fault of the
+//! drivers.
 //!
-//! What it cannot do: encoders that do not turn cost no interrupt anyway, but no roller index
-//! comes, and the loops run into their bounds.
+//! Limits: the interrupts of roller indexes are missing from the load (encoders need none), and the
+//! loops run into their bounds.
 
 use anyhow::{Context as _, ensure};
 use canopen::{Frame, NmtCommand, NmtState, NmtTarget, NodeId, client};

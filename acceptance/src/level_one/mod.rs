@@ -1,8 +1,8 @@
 //! Level 1: a bare board, the wires of [`wires`], no motors.
 //!
-//! The self-test image measures first, then the shipped image is tried as far as a bare board can.
-//! What fails does not hide the rest, but checks that need wires are left out while a wire is
-//! wrong: they would blame the board for it.
+//! The self-test image measures first, then the shipped image is tested as far as a bare board
+//! permits. A failed check does not end the rest, but checks that need wires are skipped while a
+//! wire is wrong, because they would attribute its error to the board.
 
 mod bus;
 mod clocks;

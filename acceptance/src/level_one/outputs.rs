@@ -1,4 +1,4 @@
-//! PWM, direction and the two gates, seen at the pins.
+//! PWM, direction and the two gates, measured at the pins.
 
 use anyhow::{Context as _, bail};
 use protocol::self_test::{CLOCK, OUTPUTS, WAVE};

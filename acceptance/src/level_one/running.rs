@@ -1,15 +1,15 @@
-//! Stack and load of the shipped image, by a debugger that looks at it while it runs.
+//! Stack and load of the shipped image, read by a debugger while it runs.
 //!
-//! Start-up paints the stack, so the paint that is left shows how deep it was. For the load a timer
-//! that nothing uses counts without a clock in sleep (RM0390 6.3.14, TIM6LPEN), so it counts the
-//! time that the core is awake, and the program has no part in it. It is measured at rest with SYNC
-//! at 100 Hz, and while the board drives as far as a bare one can ([`super::driving`]); the stack
-//! is read after that.
+//! Start-up fills the stack with a pattern, so the part of the pattern that is left shows how deep
+//! the stack was. For the load, a timer that the program does not use loses its clock in sleep
+//! (RM0390 6.3.14, TIM6LPEN), so it counts the time during which the core is awake, without help of
+//! the program. It is measured at rest with SYNC at 100 Hz, and while the board drives as far as a
+//! bare one can ([`super::driving`]); the stack is read after that.
 //!
-//! What it cannot do: without a debugger none of this is tried. Whether the timer stops while the
-//! chip is told to keep its clocks for the debugger (DBGMCU_CR) is not said in the manual; a figure
-//! near 100 % would mean that it does not. The counter is read while the board drives, and by when
-//! is not known to better than the debugger takes, so driving lasts long.
+//! Limits: without a debugger none of this is measured. The manual does not say whether the timer
+//! stops in sleep while DBGMCU_CR keeps the clocks on for the debugger; a figure near 100 % would
+//! mean that it does not. The counter is read while the board drives, at an instant that is
+//! uncertain by the time of the debugger's access, so the board drives for long.
 
 use super::driving::{Drive, change};
 use super::{Session, What, at_most};

@@ -1,14 +1,16 @@
-//! Two boards that drive as one, compared by wire: when the outputs of each change.
+//! The skew between two boards that drive as one: the time between the changes of their outputs,
+//! measured by wire.
 //!
-//! One wheel of both boards reverses once a second, and with its duty the inverse of its direction
-//! changes, in the same instructions of the same tick. The wire [`wires::SECOND`] leads from there
-//! on the second board to a capture input of the first, wire 12 from the first's own to the other
-//! channel of the same timer, TIM12, which nothing uses. So the time between the two is counted by
-//! one clock. The debugger sets the timer up and reads what it has captured; both programs are the
-//! shipped one to the bit.
+//! One wheel of both boards reverses once a second, and the output with the inverse of its
+//! direction changes together with its duty, in the same instructions of the same tick. The wire
+//! [`wires::SECOND`] connects this output of the second board with a capture input of the first;
+//! wire 12 connects the first board's own output with the other channel of the same timer, TIM12,
+//! which the program does not use. One clock therefore measures the time between the two. The
+//! debugger sets the timer up and reads the captured values; both boards run the unmodified shipped
+//! image.
 //!
-//! What it cannot do: a change of a duty alone makes no edge of its own, so every tick in between
-//! goes unseen. Changes more than half a tick apart are those of different ticks, and not counted.
+//! Limits: a change of the duty alone makes no edge, so the ticks in between are not observed.
+//! Changes more than half a tick apart belong to different ticks and are not counted.
 
 use anyhow::{Context as _, ensure};
 use canopen::NodeId;

@@ -1,4 +1,5 @@
-//! The emergency stop by wire: from the edge at the input to the cut, without the program.
+//! The emergency stop in hardware: the time from the edge at the input to the cut, without the
+//! program.
 
 use anyhow::bail;
 use protocol::self_test::{CLOCK, NEVER, NO_PIN, OUTPUTS, WATCHED};

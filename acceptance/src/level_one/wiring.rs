@@ -1,10 +1,9 @@
 //! The wires themselves, before anything is measured with them.
 //!
-//! The far end of a wire is driven low, one after the other, while all other pins are inputs with
-//! pull-ups: the pins that become low are those that it is connected with. Driver enable and brake
-//! release are never driven this way. They are low outputs, so a wire to them shows because the
-//! pull resistors of its far end have no effect; which of the two it is, is seen when each is
-//! switched.
+//! The far ends of the wires are driven low, one after the other, while all other pins are inputs
+//! with pull-ups: the pins that become low are connected with it. Driver enable and brake release
+//! are never driven this way. They are low outputs, so a wire to one of them shows because the pull
+//! resistors at its far end have no effect; which of the two it is shows when each is switched.
 
 use protocol::self_test::{LEVELS, OUTPUTS, PIN};
 

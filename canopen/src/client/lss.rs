@@ -107,8 +107,8 @@ pub fn lss_inquire_node() -> Frame {
 pub enum Scanned {
     /// A device without a node-ID has been found; it is in configuration now.
     Found(Identity),
-    /// There is none.
-    Nobody,
+    /// No slave is unconfigured: none without a node-ID has answered.
+    NoUnconfiguredSlave,
     /// There was one, but it stopped answering.
     Lost,
 }
@@ -177,7 +177,7 @@ impl FastScan {
     fn advance(&mut self, now: Micros, answered: bool) -> Option<Scanned> {
         if self.bit == Self::ANY_DEVICE {
             if !answered {
-                return self.end(Scanned::Nobody);
+                return self.end(Scanned::NoUnconfiguredSlave);
             }
             self.bit = 31;
         } else if self.confirming {

@@ -1,23 +1,25 @@
-//! The conversation with the gyro of a Bosch BMI088, word by word (data sheet BST-BMI088-DS001-13,
+//! The SPI protocol of the gyro in a Bosch BMI088, word by word (data sheet BST-BMI088-DS001-13,
 //! sections 5.5 and 6.1).
 //!
 //! # Theory of operation
 //!
-//! Everything is said in words of 16 bits, at most one in a control tick, so that no tick waits for
-//! the SPI: a word sent at the end of a tick has its answer at the beginning of the next. A
-//! register is written or read with one word (address, then value); the rate about z takes two,
-//! from the upper half of y on, so that both its halves come in the second and are of one sample.
-//! That is 500 samples a second of the sensor's 1000, which it filters to 116 Hz.
+//! A transfer is one word of 16 bits, and a control tick starts at most one, so no tick waits for
+//! the SPI: a word sent at the end of a tick has its answer at the beginning of the next. One word
+//! writes or reads a register (address, then value). The rate about z takes two words, which begin
+//! with the upper half of y, so that both halves of z come in the second word and belong to one
+//! sample. This reads 500 of the sensor's 1000 samples a second, which it filters to 116 Hz.
 //!
 //! # Interface
 //!
-//! The driver passes the answer to the last word to [`Reader::receive`], which says whether there
-//! is a sample, and then sends what [`Reader::next`] says. Chip select is low from the first word
-//! of an access until the answer to its last has come ([`Reader::goes_on`], before the answer).
+//! The driver passes the answer to the last word to [`Reader::receive`], which returns a sample if
+//! there is one, and then sends the word that [`Reader::next`] returns. Chip select is low from the
+//! first word of an access until the answer to its last has come ([`Reader::goes_on`], before the
+//! answer).
 //!
 //! # Limits
 //!
-//! Nothing is checked once samples come: that they are samples, [`super::Gyro`] judges.
+//! The registers are not read again once samples come; [`super::Gyro`] judges whether the samples
+//! are plausible.
 
 use super::Reading;
 

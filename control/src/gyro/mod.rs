@@ -1,36 +1,36 @@
-//! A gyro about the axis that points up: how far it is believed, its bias, and the turn it sees.
+//! A gyro about the axis that points up: whether it is used, its bias, and the turn it measures.
 //!
 //! # Theory of operation
 //!
-//! Wheels that slip report turns that did not happen; a gyro reports turns alone, with a bias that
-//! it shows at rest too. The two complement each other:
+//! Wheels that slip report turns that did not happen. A gyro measures turns only, with a bias that
+//! it also shows at rest. The two complement each other:
 //!
 //! | | heading from | bias |
 //! |---|---|---|
-//! | wheels stand, and the gyro less its bias shows less than 0.5 degrees/s | wheels: no turn | learned |
-//! | anything else | gyro, less its bias | kept |
-//! | gyro not believed, or its bias not known yet | wheels | |
+//! | wheels stand, and the gyro without its bias shows less than 0.5 degrees/s | wheels: no turn | learned |
+//! | anything else | gyro without its bias | constant |
+//! | gyro not used: failed, or its bias is not known yet | wheels | |
 //!
-//! The bias is the mean of 500 samples during which no wheel moved and the samples lay
-//! within 3 degrees/s of each other; more windows make a mean of up to 16 of them.
+//! The bias is the mean of a window of 500 samples in which no wheel moved and all samples lay
+//! within 3 degrees/s of each other. Further windows enter a mean of up to 16 of them.
 //!
-//! Covariance: with the sensor's noise density `n` and a bias of deviation `b`, the heading after a
-//! motion of `t` seconds has the variance `n^2 t + (b t)^2`; after one window `b` is `n / sqrt(1
-//! s)` and after 16 of them a quarter of that. The wheels' part is only in the position
-//! then.
+//! Covariance: with the sensor's noise density `n` and a bias with the standard deviation `b`, the
+//! heading after a motion of `t` seconds has the variance `n^2 t + (b t)^2`. After one window `b`
+//! is `n / sqrt(1 s)`, after 16 a quarter of that. Errors of the wheels then affect the position
+//! only.
 //!
-//! A gyro that is not believed stays so until the next start of the program ([`GyroState`] says
-//! why); it stops nothing.
+//! A gyro that has failed is not used again until the next start of the program; [`GyroState`] has
+//! the reason. Its failure does not stop the robot.
 //!
 //! # Interface
 //!
-//! The control tick calls [`Gyro::update`] with what the driver says ([`Reading`]), and
-//! [`Gyro::rate`] for the odometry. [`bmi088`] is the conversation with one kind of sensor.
+//! The control tick calls [`Gyro::update`] with the driver's [`Reading`], and [`Gyro::rate`] for
+//! the odometry. [`bmi088`] is the protocol of one kind of sensor.
 //!
 //! # Limits
 //!
-//! Being carried or turned slowly at rest, below 5 degrees/s, is taken for bias. A sensor whose
-//! axis points down, or that is scaled wrongly, is not noticed.
+//! A robot that is turned slowly by hand while its wheels stand, below 5 degrees/s, takes this rate
+//! for the bias. A sensor whose axis points down, or whose scale is wrong, is not noticed.
 
 pub mod bmi088;
 

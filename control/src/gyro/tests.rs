@@ -1,4 +1,4 @@
-//! What is believed of a gyro.
+//! Tests of when a gyro is used, of its bias, and of the turn it reports.
 
 use super::*;
 

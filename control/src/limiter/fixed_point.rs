@@ -1,7 +1,7 @@
 //! Limits on a twist's change in fixed point.
 //!
-//! Sizes are roots of squares with 64 bits, to 7e-8 of them ([`InverseRoot`]); what is compared
-//! with a limit is the square.
+//! Magnitudes are roots of 64-bit sums of squares, with a relative error of 7e-8 ([`InverseRoot`]).
+//! Only squares are compared with limits, so a comparison needs no root.
 
 use kinematics::Twist;
 

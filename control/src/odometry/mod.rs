@@ -2,15 +2,15 @@
 //!
 //! # Theory of operation
 //!
-//! A body that turns while it moves runs along an arc. In single precision
-//! [`kinematics::Odometry`] integrates it. In fixed point the same arc is its chord: the
-//! displacement, in the direction half-way through the turn, shortened by `sin(w/2) / (w/2)`. Both
-//! are exact; only rounding differs.
+//! A body that turns while it moves runs along an arc. In single precision [`kinematics::Odometry`]
+//! integrates it. In fixed point the arc is replaced by its chord: the displacement in the
+//! direction half-way through the turn, shortened by `sin(w/2) / (w/2)`. Both are exact; only
+//! rounding differs.
 //!
 //! # Limits
 //!
-//! In fixed point a displacement ends at 16 m a tick, a turn of more than 1.4 rad a tick has the
-//! chord of one of 1.4 rad, and the position ends at 4 000 km.
+//! In fixed point a displacement saturates at 16 m a tick and the position at 4 000 km, and a turn
+//! of more than 1.4 rad a tick has the chord of one of 1.4 rad.
 
 #[cfg(feature = "fixed-point")]
 mod fixed_point;

@@ -2,11 +2,11 @@
 //!
 //! # Theory of operation
 //!
-//! The tick is written once, in [`Quantity`]. Its parameter is the number of fractional bits that
-//! the number has in fixed point; single precision ignores it. A product names the quantity of its
-//! result by its type, and the fractional bits of all three are known to the compiler, so a product
-//! is one multiplication and at most one constant shift. Nothing wraps: sums, products and
-//! conversions that do not fit end at [`Quantity::MAX`] or [`Quantity::MIN`].
+//! The tick is written once, in [`Quantity`]. Its parameter is the number of fractional bits in
+//! fixed point; single precision ignores it. A product names the quantity of its result by its
+//! type, and the fractional bits of all three are known to the compiler, so a product is one
+//! multiplication and at most one constant shift. Nothing wraps: sums, products and conversions
+//! that do not fit end at [`Quantity::MAX`] or [`Quantity::MIN`].
 //!
 //! Each physical quantity has a name here, whose range and resolution `docs/numbers.md` derives
 //! from the range of the robot's parameters.

@@ -1,8 +1,9 @@
 //! Reciprocals and square roots of whole numbers, on a core that multiplies 32 by 32 bits and
 //! divides 32 by 32.
 //!
-//! Both normalize the number, guess and improve the guess by Newton's method: one step after a
-//! division of 16 bits, three after a straight line.
+//! Both normalize the number and improve a first guess by Newton's method. The reciprocal takes its
+//! guess from a division of 16 bits and needs one step; the inverse root takes its guess from a
+//! straight line and needs three.
 
 /// One over a number that is not zero: a mantissa of 2^30 to 2^31 and a shift, so that it is
 /// `mantissa / 2^shift`, to 2^-29 of it. The shift is 31 to 62.

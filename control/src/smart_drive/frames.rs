@@ -2,13 +2,12 @@
 //!
 //! Source: "RoboMaster C610 Brushless DC Motor Speed Controller User Guide", v1.0, 2019.03, "CAN
 //! Communication Protocol": identifiers, bytes, the C610's range of +-10000 for +-10 A, feedback at
-//! 1 kHz, angle 0 to 8191 for a turn, speed in rpm, 1 Mbit/s. For the C620 the user guide itself
-//! was not to be had: that its range is +-16384 for +-20 A and that byte 6 of its feedback is the
-//! motor's temperature in degrees Celsius is what the projects say that drive it. A C610 leaves
-//! byte 6 zero.
+//! 1 kHz, angle 0 to 8191 for a turn, speed in rpm, 1 Mbit/s. The C620's user guide was not
+//! available. Its range of +-16384 for +-20 A, and the motor's temperature in degrees Celsius in
+//! byte 6 of its feedback, are taken from projects that drive it. A C610 leaves byte 6 zero.
 //!
-//! The guide does not say what a drive does when commands stop, nor at which temperature it
-//! switches itself off. Both have to be measured on the drive that is used.
+//! The guide does not say what a drive does when commands stop, or at which temperature it switches
+//! itself off. Both have to be measured on the drive in use.
 
 /// Identifier of the commands to drives 1 to 4.
 pub const COMMAND: u16 = 0x200;

@@ -4,10 +4,10 @@
 //! # Theory of operation
 //!
 //! A drive reports the angle of the rotor a thousand times a second, modulo a turn. [`Drives`] adds
-//! up the differences into a count that wraps at 16 bits, as an encoder's counter does, and carries
-//! it on from the last report to the time of the tick with the rate that the drive reports: drives
-//! and tick have clocks of their own, and without that a tick would now and then see a report twice
-//! or miss one.
+//! the differences to a count that wraps at 16 bits, as an encoder's counter does. It extrapolates
+//! this count from the last report to the time of the tick with the rate that the drive reports.
+//! Drives and tick have clocks of their own, so without the extrapolation a tick would now and then
+//! use a report twice or miss one.
 //!
 //! A difference is unambiguous up to half a turn of the rotor. At [`SILENT_US`] without a report
 //! that is 10 000 rpm, more than these motors reach.

@@ -1,4 +1,4 @@
-//! *Follow*: from the group's setpoint to what the drives of the four wheels get.
+//! *Follow*: from the group's setpoint to the commands of the four wheels' drives.
 
 use protocol::Limit;
 

@@ -1,5 +1,4 @@
-//! Identification of the motors, which takes the place of *follow* from its beginning to
-//! standstill.
+//! Identification of the motors, which replaces *follow* from its beginning to standstill.
 
 use identification::{Identification, Step, Stopped};
 

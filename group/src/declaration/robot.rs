@@ -108,6 +108,13 @@ const ENCODER: &[Field] = &[
     )
     .or(1.0)
     .object(at::GEAR_RATIO, 1.0),
+    field(
+        "directions",
+        Kind::Numbers(Some(4)),
+        "-1 for an encoder that counts down when its wheel rolls the base forward, 1 for the others: \
+         front left, front right, rear left, rear right. `omnibus wheel-test --ask` finds it.",
+    )
+    .otherwise("all 1; with `identified`, the robot's own"),
 ];
 
 const MOTOR: &[Field] = &[
@@ -144,6 +151,13 @@ const MOTOR: &[Field] = &[
     .somewhere(),
     number("friction", "N m", NOT_NEGATIVE, "Dry friction.").or(default::FRICTION),
     number("viscous", "N m s/rad", NOT_NEGATIVE, "Viscous friction.").or(default::VISCOUS),
+    field(
+        "directions",
+        Kind::Numbers(Some(4)),
+        "-1 for a motor that rolls the base backward with a positive duty, 1 for the others, as \
+         `encoder.directions`.",
+    )
+    .otherwise("all 1; with `identified`, the robot's own"),
     number(
         "largest_current",
         "A",
@@ -265,8 +279,8 @@ const CONTROL: &[Field] = &[
     field(
         "identified",
         Kind::Flag,
-        "The robot keeps the values that `omnibus identify-motors --accept --save` found, and its \
-         wiring: the group file does not overwrite them.",
+        "The robot keeps the values that `omnibus identify-motors --accept --save` found: the group \
+         file does not overwrite them.",
     )
     .otherwise("false"),
 ];

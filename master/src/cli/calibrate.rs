@@ -23,28 +23,28 @@ const EXAMPLES: &str = "Examples:
   omnibus calibrate --phase --gyro robot --write --bus socketcan:can0 --group my-group.toml
   omnibus calibrate --phase --gyro tcp://127.0.0.1:7703 --write --bus socketcan:can0 --group my-group.toml
 
-The group needs a clear floor of --distance (1 m; with --phase 2.5 m) and the ramps to every side. Every motion is
-driven there and back.";
+The group needs clear floor on every side: --distance (1 m; with --phase 2.5 m) plus the ramps. Every motion is driven
+there and back.";
 
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
     #[command(flatten)]
     target: Target,
-    /// Finds the angle of each wheel's rollers at its encoder's index, instead of the loss by slip.
+    /// Finds the angle of each wheel's rollers at its index, instead of the loss by slip.
     #[arg(long)]
     phase: bool,
-    /// Number of rollers of a wheel; needed if the group file does not give it.
+    /// Number of rollers of a wheel, if the group file does not give it.
     #[arg(long, default_value_t = 8)]
     rollers: u8,
     /// Source of poses: tcp://HOST:PORT with JSON lines. A simulated bus has its own.
     #[arg(long, value_name = "tcp://HOST:PORT")]
     pose: Option<String>,
-    /// Finds phases from yaw rates instead of poses: robot, the gyros on the robots' boards;
-    /// tcp://HOST:PORT with JSON lines; or on a simulated bus sim, gyros laid on its robots.
+    /// Finds phases from yaw rates instead of poses: robot for the gyros on the robots' boards,
+    /// tcp://HOST:PORT for JSON lines, or, on a simulated bus, sim for gyros placed on its robots.
     #[arg(long, value_name = "robot|tcp://HOST:PORT|sim")]
     gyro: Option<String>,
-    /// Writes the result into the robots, and coefficients also into the group file.
+    /// Writes the result into the robots, and without --phase also into the group file.
     #[arg(long)]
     write: bool,
     #[command(flatten)]

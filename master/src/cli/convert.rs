@@ -37,7 +37,8 @@ pub struct Arguments {
     /// Output format.
     #[arg(long, value_enum)]
     to: Form,
-    /// File to write; by default standard output (not for mcap and ros2).
+    /// File to write; an existing one is replaced. By default standard output (not for mcap and
+    /// ros2).
     #[arg(long, short, value_name = "FILE")]
     output: Option<PathBuf>,
     /// Group file for a log without one; it gives the robots and their mounts.

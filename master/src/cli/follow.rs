@@ -149,16 +149,16 @@ pub struct Arguments {
     /// Drives only the first seconds of the curve.
     #[arg(long)]
     quick: bool,
-    /// Writes an HTML report with charts.
+    /// Writes an HTML report with charts; an existing file is replaced.
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
     /// Recorded are the curve and what an observer saw, too.
     #[command(flatten)]
     record: RecordTo,
-    /// Writes every frame as a candump log.
+    /// Writes every frame as a candump log; an existing file is replaced.
     #[arg(long, value_name = "FILE.log")]
     candump: Option<PathBuf>,
-    /// Writes the log of the emulated robots' firmware.
+    /// Writes the log of the emulated robots' firmware; an existing file is replaced.
     #[arg(long, value_name = "FILE.log")]
     log: Option<PathBuf>,
 }

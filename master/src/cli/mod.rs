@@ -84,9 +84,13 @@ pub struct Target {
         hide_env_values = true
     )]
     pub bus: BusAddress,
-    /// Group file; a simulated bus names its own.
+    /// Group file, or the environment variable OMNIBUS_GROUP; a simulated bus names its own.
     #[arg(long, help_heading = "Bus", value_name = "GROUP.toml")]
     group: Option<PathBuf>,
+    /// Not an argument with a variable of its own: a simulated bus goes before the variable, but
+    /// contradicts another file that is typed.
+    #[arg(skip = std::env::var_os("OMNIBUS_GROUP").map(PathBuf::from))]
+    usual_group: Option<PathBuf>,
     /// Backend of the robots on a simulated bus.
     #[arg(long, help_heading = "Bus", value_enum, default_value_t = BackendName::Native)]
     pub backend: BackendName,
@@ -121,15 +125,18 @@ impl Target {
             ),
             (BusAddress::Sim(path), Some(_)) => path,
             (_, Some(path)) => path,
-            (_, None) => return Ok(None),
+            (_, None) => match &self.usual_group {
+                Some(path) => path,
+                None => return Ok(None),
+            },
         };
         Ok(Some(GroupFile::load(path)?))
     }
 
     /// Where the group file is.
     pub fn group_path(&self) -> anyhow::Result<&Path> {
-        match (&self.bus, &self.group) {
-            (BusAddress::Sim(path), _) | (_, Some(path)) => Ok(path),
+        match (&self.bus, &self.group, &self.usual_group) {
+            (BusAddress::Sim(path), ..) | (_, Some(path), _) | (_, None, Some(path)) => Ok(path),
             _ => usage!("--group GROUP.toml is missing"),
         }
     }

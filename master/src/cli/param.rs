@@ -85,7 +85,7 @@ enum Command {
         after_help = "Example:\n  omnibus param dump --node 3 --output node-3.toml --bus socketcan:can0"
     )]
     Dump {
-        /// The file; by default standard output.
+        /// The file; an existing one is replaced. By default standard output.
         #[arg(long, short)]
         output: Option<PathBuf>,
         #[command(flatten)]

@@ -19,7 +19,8 @@ const PLOT_EXAMPLES: &str = "Examples:
 pub struct Plot {
     /// A recording, or a candump log whose name ends in .log.
     file: PathBuf,
-    /// The picture: .svg or .png; by default both, beside the recording.
+    /// The picture: .svg or .png; by default both, beside the recording. Existing files are
+    /// replaced.
     #[arg(long, short, value_name = "FILE")]
     output: Vec<PathBuf>,
 }
@@ -32,7 +33,7 @@ const REPORT_EXAMPLES: &str = "Example:
 pub struct Report {
     /// A recording, or a candump log whose name ends in .log.
     file: PathBuf,
-    /// The page; by default beside the recording.
+    /// The page; by default beside the recording. An existing file is replaced.
     #[arg(long, short, value_name = "FILE.html")]
     output: Option<PathBuf>,
 }

@@ -11,7 +11,7 @@ use super::{Target, print_note};
 /// Where a drive is recorded.
 #[derive(clap::Args)]
 pub struct RecordTo {
-    /// Records all frames on the bus during the drive.
+    /// Records all frames on the bus during the drive; an existing file is replaced.
     #[arg(long, value_name = "FILE.mcap")]
     record: Option<PathBuf>,
     #[command(flatten)]

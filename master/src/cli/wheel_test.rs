@@ -1,5 +1,5 @@
-//! `omnibus wheel-test` and `omnibus blink`: whether every wire is in its place, and which robot is
-//! this.
+//! `omnibus wheel-test`, which tests whether every wire is in its place, and `omnibus blink`, which
+//! shows which robot a node-ID belongs to.
 
 use std::cell::Cell;
 use std::io::BufRead as _;
@@ -165,8 +165,8 @@ fn ask(wheel: usize, abort: &Abort) -> Result<Option<Observed>, MasterError> {
     let name = WHEELS.get(wheel).copied().unwrap_or("");
     loop {
         print_note(format!(
-            "{name}: what turned first? f: it did, forward; b: it did, backward; n: nothing; or \
-             another wheel: fl, fr, rl, rr with f or b (`rl f`); Enter: did not look"
+            "{name}: what turned first? f: this wheel, forward; b: this wheel, backward; n: \
+             nothing; another wheel: fl, fr, rl or rr, then f or b (`rl f`); Enter: not seen"
         ));
         let line = read_line(abort)?;
         let words: Vec<_> = line.split_whitespace().collect();

@@ -70,7 +70,7 @@ pub fn unconfigured<L: Link>(wire: &mut Wire<L>) -> Result<Vec<Identity>, Master
         // One that has been found listens to configuration and takes no part in the next scan.
         match scan_once(wire)? {
             Scanned::Found(identity) => found.push(identity),
-            Scanned::Nobody => break,
+            Scanned::NoUnconfiguredSlave => break,
             Scanned::Lost => {
                 leave(wire)?;
                 return Err(problem(

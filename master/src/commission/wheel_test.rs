@@ -1,16 +1,16 @@
 //! Tests whether every motor turns its own wheel in the right direction and its encoder counts it.
 //!
-//! One wheel at a time gets some voltage, and all four encoders are watched. That finds motors and
-//! encoders that are silent, reversed, or in each other's places. It cannot tell a reversed motor
-//! from a reversed encoder, nor motors exchanged from encoders exchanged, and does not see a motor
-//! and its encoder both reversed: a person has to look at the wheel. Who does so tells what was
-//! seen, and the proposal becomes one instead of two.
+//! One wheel at a time gets some voltage, and all four encoders are watched. This finds motors and
+//! encoders that are silent, reversed or swapped. It cannot distinguish a reversed motor from a
+//! reversed encoder or swapped motors from swapped encoders, and it does not detect a motor and its
+//! encoder that are both reversed. With the answers of a person who looks at the wheels it finds
+//! these, too, and proposes one remedy instead of two.
 //!
-//! Smart drives report what they turn themselves, so one whose identifier is another wheel's looks
-//! right to the robot, too: the eye finds it, and the proposal is the key of the group file.
+//! Smart drives report what they turn themselves, so a drive with the identifier of another wheel
+//! looks right to the robot. Only a person sees it, and the remedy is a key of the group file.
 //!
-//! It ends early where the motor drivers seem to be of another kind than the robot was told: their
-//! wheels turn all at once, or backwards, and would do so in every further run.
+//! The test ends early if the motor drivers seem to be of another kind than the one configured:
+//! their wheels turn all at once, or backwards, and would do so in every further run.
 
 use protocol::{Address, address};
 
@@ -41,7 +41,7 @@ pub enum Observed {
 pub struct Finding {
     /// Which wheel got the voltage.
     pub wheel: usize,
-    /// What the encoders said.
+    /// What the encoders counted.
     pub turned: Turned,
     /// What is wrong and what to do; empty when nothing is.
     pub problem: Option<String>,
@@ -70,7 +70,6 @@ pub fn test_wheels<L: Link>(
         *identifier = bits(at)?;
     }
     let reversed = Reversed {
-        node,
         encoders: bits(address::ENCODER_REVERSED)?,
         motors: bits(address::MOTOR_REVERSED)?,
     };
@@ -130,7 +129,7 @@ fn name_wrong_drives(
             "set `drive_identifiers = [{a}, {b}, {c}, {d}]` under `[robot.motor]`, or exchange \
              the identifiers on the drives"
         ),
-        _ => "look at all four wheels, then test again with --ask".to_owned(),
+        _ => "test again with --ask and watch all four wheels".to_owned(),
     };
     for ((finding, observed), identifier) in findings.iter_mut().zip(observed).zip(identifiers) {
         if let Some(Observed::Wheel { wheel, .. }) = observed
@@ -144,7 +143,7 @@ fn name_wrong_drives(
     }
 }
 
-/// What says that the drivers may be of another kind than object 0x2027:6.
+/// A problem if the drivers seem to be of another kind than object 0x2027:6.
 fn other_drivers(wheel: usize, turned: &Turned, stage: u32, reversed: &Reversed) -> Option<String> {
     let name = match stage {
         0 => "PWM and direction",
@@ -174,29 +173,34 @@ fn other_drivers(wheel: usize, turned: &Turned, stage: u32, reversed: &Reversed)
 
 /// The bits of 0x2020:2 and :3 as they are.
 struct Reversed {
-    node: u8,
     encoders: u32,
     motors: u32,
 }
 
 impl Reversed {
     fn encoder(&self, wheel: usize) -> String {
-        let bits = self.encoders ^ 1 << wheel;
         format!(
-            "swap A and B of its encoder, or `omnibus param set {} {bits} --node {}`",
-            address::ENCODER_REVERSED,
-            self.node
+            "swap A and B of its encoder, or set `encoder.directions = {}` in the robot's entry of \
+             the group file",
+            directions(self.encoders ^ 1 << wheel)
         )
     }
 
     fn motor(&self, wheel: usize) -> String {
-        let bits = self.motors ^ 1 << wheel;
         format!(
-            "swap the wires of its motor, or `omnibus param set {} {bits} --node {}`",
-            address::MOTOR_REVERSED,
-            self.node
+            "swap the wires of its motor, or set `motor.directions = {}` in the robot's entry of \
+             the group file",
+            directions(self.motors ^ 1 << wheel)
         )
     }
+}
+
+/// Bits of reversed wheels as a key of the group file has them.
+fn directions(bits: u32) -> String {
+    format!(
+        "{:?}",
+        [0, 1, 2, 3].map(|wheel| if bits >> wheel & 1 == 1 { -1 } else { 1 })
+    )
 }
 
 fn judge(
@@ -240,7 +244,7 @@ fn judge(
             ([], None) => Some(
                 "no encoder counts: if the wheel turned, check its encoder's plug, supply and \
                  both channels; if it did not, check the motor's plug, the driver, and \
-                 whether it is blocked"
+                 whether the wheel is blocked"
                     .into(),
             ),
             ([one], Some(Observed::Wheel { wheel: turns, .. }))
@@ -261,27 +265,23 @@ fn judge(
                 ))
             }
             ([one], observed) if *one != wheel => {
-                let what = if moved(*one) == [wheel] {
+                let (this, other) = (name(wheel), name(*one));
+                let swapped = moved(*one) == [wheel];
+                let remedy = if swapped {
                     format!(
-                        "the two are swapped, so exchange the plugs of the {} \
-                        and the {} wheel's",
-                        name(wheel),
-                        name(*one)
+                        "the two are swapped, so exchange the plugs of the {this} and the {other} \
+                         wheel's encoders"
                     )
                 } else {
-                    format!(
-                        "so plug the {} wheel's in where the {} one's is,",
-                        name(wheel),
-                        name(*one)
-                    )
+                    format!("plug the {this} wheel's encoder in where the {other} wheel's is")
                 };
-                let which = match observed {
-                    None => "encoders, or of their motors where the other wheel turned",
-                    Some(_) => "encoders",
+                let motors = match (observed, swapped) {
+                    (None, true) => ", or of their motors if the other wheel turned",
+                    (None, false) => ", or do so with their motors if the other wheel turned",
+                    (Some(_), _) => "",
                 };
                 Some(format!(
-                    "the {} wheel's encoder counts instead: {what} {which}",
-                    name(*one)
+                    "the {other} wheel's encoder counts instead: {remedy}{motors}"
                 ))
             }
             ([_], Some(Observed::Wheel { forward, .. })) => match (way > 0.0, forward) {
@@ -310,8 +310,8 @@ fn judge(
             )),
             ([_], None) => unlike(turned.speed, usual),
             (many, _) => Some(format!(
-                "{} encoders count at once ({}): look for wheels that touch, and for channels of \
-                 different encoders in one plug",
+                "{} encoders count at once ({}): look for wheels that touch each other, and for \
+                 channels of different encoders in one plug",
                 many.len(),
                 many.iter().map(|n| name(*n)).collect::<Vec<_>>().join(", ")
             )),
@@ -332,8 +332,8 @@ fn unlike(speed: Option<f32>, usual: Option<f32>) -> Option<String> {
     ((ratio - 1.0).abs() > ALIKE).then(|| {
         format!(
             "at the same voltage it seems {ratio:.2} times as fast as the others: check its \
-             encoder's counts per revolution (2020:1, 2014:5 to 2017:5) and gear, or for a wheel \
-             that drags"
+             encoder's counts per revolution (2020:1, 2014:5 to 2017:5), its gear, and whether \
+             the wheel drags"
         )
     })
 }
@@ -343,7 +343,6 @@ mod tests {
     use super::*;
 
     const NONE: Reversed = Reversed {
-        node: 2,
         encoders: 0,
         motors: 0,
     };
@@ -449,23 +448,31 @@ mod tests {
         turned[1].speed = None;
         has(
             &problems(turned, [None; 4])[1],
-            &["backwards", "2020:2 2", "2020:3 2"],
+            &[
+                "backwards",
+                "encoder.directions = [1, -1, 1, 1]",
+                "motor.directions = [1, -1, 1, 1]",
+            ],
         );
         let observed = |forward| {
             let observed = Observed::Wheel { wheel: 1, forward };
             problems(turned, [None, Some(observed), None, None])[1].clone()
         };
-        has(&observed(true), &["swap A and B", "2020:2 2 --node 2"]);
+        has(
+            &observed(true),
+            &["swap A and B", "encoder.directions = [1, -1, 1, 1]"],
+        );
         has(
             &observed(false),
-            &["wires of its motor", "2020:3 2 --node 2"],
+            &["wires of its motor", "motor.directions = [1, -1, 1, 1]"],
         );
         // A bit that is set already is to be cleared.
         let set = Reversed {
             encoders: 0b0110,
             ..NONE
         };
-        has(&judge(turned, [None; 4], &set)[1].problem, &["2020:2 4 "]);
+        let cleared = &judge(turned, [None; 4], &set)[1].problem;
+        has(cleared, &["encoder.directions = [1, 1, -1, 1]"]);
         // Both: the counts look right, only the eye sees it.
         let both = Observed::Wheel {
             wheel: 0,
@@ -473,7 +480,10 @@ mod tests {
         };
         has(
             &problems(good(), [Some(both), None, None, None])[0],
-            &["2020:3 1", "2020:2 1"],
+            &[
+                "motor.directions = [-1, 1, 1, 1]",
+                "encoder.directions = [-1, 1, 1, 1]",
+            ],
         );
     }
 

@@ -205,7 +205,9 @@ impl Arbiter {
     ) -> Result<(), String> {
         self.expire(now);
         if clock > now || now - clock > OLD_MS {
-            return Err(format!("it refers to a state older than {OLD_MS} ms"));
+            return Err(format!(
+                "it refers to a state older than {OLD_MS} ms: the page or the network is too slow"
+            ));
         }
         self.check_ready()?;
         let Some(driver) = &mut self.driver else {

@@ -6,14 +6,14 @@
 //! {"t":1.25,"robots":[{"node":2,"yaw_rate":0.031},{"node":3,"yaw_rate":-0.007}]}
 //! ```
 //!
-//! The first form is of the only robot that is asked for. `t` is the time of the sample, s, on the
-//! gyro's own clock; `yaw_rate` is in rad/s about the axis that points up, counter-clockwise
-//! positive, raw: a bias does no harm. Everything else on a line is passed over.
+//! The first form is for a single robot. `t` is the time of the sample, s, on the gyro's own clock;
+//! `yaw_rate` is in rad/s about the axis that points up, counter-clockwise positive, raw: a bias
+//! does no harm. Everything else on a line is ignored.
 //!
-//! A thread reads, and every sample is kept until it is taken: a hundred a second are nothing.
-//! Unlike poses, of which the latest counts, a sample that is missing would be a turn that is
-//! missing; so a line that holds none, a time that does not rise, silence and a closed connection
-//! are errors for the next reader of the samples.
+//! A thread reads, and every sample is stored until it is taken, some hundred a second. Of poses
+//! only the latest counts, but a missing sample would be a missing turn. So a line without a
+//! sample, a time that does not increase, silence and a closed connection are errors for the next
+//! reader of the samples.
 
 use std::io;
 use std::sync::{Arc, Mutex, PoisonError};

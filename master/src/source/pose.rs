@@ -6,10 +6,10 @@
 //! {"t":1.25,"x":1.3,"y":0,"heading":0}
 //! ```
 //!
-//! The second form is of one body: the group, or the only robot that is asked for. m and rad, any
-//! fixed frame with counter-clockwise headings. Everything else on a line is passed over, its time
-//! too: that is of another clock, so a pose counts from when its line arrived. A thread reads; the
-//! latest line wins, and a line that holds no pose counts as none.
+//! The second form is for one body: the group, or a single robot. m and rad, any fixed frame with
+//! counter-clockwise headings. Everything else on a line is ignored, its time too: that is of
+//! another clock, so a pose has the time at which its line arrived. A thread reads; the latest line
+//! counts, and a line without a pose is skipped.
 //!
 //! On a bus whose time waits ([`PoseStream::on_waiting_bus`]) the clock on the wall says nothing
 //! about age. There `t` is the bus's time in s, and a look waits for the line of its moment.

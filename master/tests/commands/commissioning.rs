@@ -197,6 +197,21 @@ fn wheel_test_names_broken_encoders() {
     std::fs::remove_file(path).unwrap();
 }
 
+/// Motors and encoders that are mounted the other way round, both of one wheel and one of others.
+#[test]
+fn a_robot_drives_with_reversed_motors_and_encoders() {
+    let (path, bus) = own_group("reversed");
+    let file = std::fs::read_to_string(&path).unwrap();
+    let directions =
+        "[[robots]]\nmotor.directions = [1, -1, -1, 1]\nencoder.directions = [1, -1, 1, -1]\n";
+    std::fs::write(&path, file.replacen("[[robots]]\n", directions, 1)).unwrap();
+    let drive = ["drive", "--vx", "0.1", "--for", "2", "--bus", &bus];
+    assert!(transcript(&drive).contains("moved 0.200 m ahead"));
+    let test = ["wheel-test", "--node", "2", "--wheels-free", "--bus", &bus];
+    assert!(transcript(&test).contains("All four wheels turn in the right direction"));
+    std::fs::remove_file(path).unwrap();
+}
+
 #[test]
 fn identify_motors() {
     let arguments = ["identify-motors", "--node", "2", "--bus", BUS];

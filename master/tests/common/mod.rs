@@ -15,6 +15,7 @@ pub fn omnibus(arguments: &[&str]) -> Output {
         .args(arguments)
         .current_dir(root())
         .env_remove("OMNIBUS_BUS")
+        .env_remove("OMNIBUS_GROUP")
         .output()
         .unwrap()
 }

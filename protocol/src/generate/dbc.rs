@@ -1,4 +1,5 @@
-//! The PDOs of all robots as a DBC, for tools that decode recorded traffic.
+//! The PDOs of all robots, SYNC, emergency messages and heartbeats as a DBC, for tools that decode
+//! recorded traffic.
 
 use core::fmt::{Result, Write};
 use core::ops::RangeInclusive;
@@ -7,7 +8,7 @@ use super::scale;
 use crate::object::{Kind, Object, Value};
 use crate::pdos::{PDOS, Pdo};
 use crate::scaling::{INVALID_I16, INVALID_I24, INVALID_U8};
-use crate::{FIRST_ROBOT, Fault, GyroState, LAST_ROBOT, Limit, MemberState, address};
+use crate::{FIRST_ROBOT, Fault, GyroState, LAST_ROBOT, Limit, MASTER, MemberState, address, cob};
 
 /// The nodes that a PDO has identifiers of; 0 for one that all of them receive.
 fn nodes(pdo: &Pdo) -> RangeInclusive<u8> {
@@ -54,6 +55,51 @@ fn range(object: &Object) -> [i32; 2] {
     ]
 }
 
+/// Names the limits and faults that a signal holds.
+fn codes<W: Write>(out: &mut W, id: u16, signal: &str) -> Result {
+    write!(out, "VAL_ {id} {signal} 0 \"None\"")?;
+    for limit in Limit::ALL {
+        write!(out, " {} \"{}\"", limit.code(), limit.name())?;
+    }
+    for fault in Fault::ALL {
+        write!(out, " {} \"{}\"", fault.code(), fault.name())?;
+    }
+    writeln!(out, " ;")
+}
+
+/// The messages of CiA 301 beside PDO, SDO and NMT.
+fn services<W: Write>(out: &mut W) -> Result {
+    writeln!(out, "BO_ {} SYNC: 1 Master", cob::SYNC)?;
+    writeln!(
+        out,
+        " SG_ Counter : 0|8@1+ (1,0) [1|240] \"\" Vector__XXX\n"
+    )?;
+    for node in FIRST_ROBOT..=LAST_ROBOT {
+        writeln!(
+            out,
+            "BO_ {} Emergency{node}: 8 Robot{node}",
+            cob::emergency(node)
+        )?;
+        writeln!(out, " SG_ Code : 0|16@1+ (1,0) [0|65535] \"\" Vector__XXX")?;
+        writeln!(
+            out,
+            " SG_ Error_register : 16|8@1+ (1,0) [0|255] \"\" Vector__XXX\n"
+        )?;
+    }
+    for node in MASTER..=LAST_ROBOT {
+        write!(out, "BO_ {} Heartbeat{node}: 1 ", cob::heartbeat(node))?;
+        match node {
+            MASTER => writeln!(out, "Master")?,
+            robot => writeln!(out, "Robot{robot}")?,
+        }
+        writeln!(
+            out,
+            " SG_ NMT_state : 0|8@1+ (1,0) [0|127] \"\" Vector__XXX\n"
+        )?;
+    }
+    Ok(())
+}
+
 /// Writes the DBC.
 ///
 /// # Errors
@@ -97,6 +143,7 @@ pub fn dbc<W: Write>(out: &mut W) -> Result {
             writeln!(out)?;
         }
     }
+    services(out)?;
     for pdo in PDOS {
         for node in nodes(pdo) {
             let id = pdo.cob_base + u16::from(node);
@@ -110,30 +157,32 @@ pub fn dbc<W: Write>(out: &mut W) -> Result {
         }
     }
     for node in FIRST_ROBOT..=LAST_ROBOT {
-        let id = crate::cob::yaw_rate(node);
+        let id = cob::yaw_rate(node);
         write!(out, "VAL_ {id} State")?;
         for state in GyroState::ALL {
             write!(out, " {} \"{state:?}\"", state as u8)?;
         }
         writeln!(out, " ;")?;
-        let id = crate::cob::member_status(node);
+        let id = cob::member_status(node);
         write!(out, "VAL_ {id} State")?;
         for state in MemberState::ALL {
             write!(out, " {} \"{state:?}\"", state as u8)?;
         }
         writeln!(out, " ;")?;
-        write!(out, "VAL_ {id} Limit_or_fault 0 \"None\"")?;
-        for limit in Limit::ALL {
-            write!(out, " {} \"{}\"", limit.code(), limit.name())?;
-        }
-        for fault in Fault::ALL {
-            write!(out, " {} \"{}\"", fault.code(), fault.name())?;
-        }
-        writeln!(out, " ;")?;
+        codes(out, id, "Limit_or_fault")?;
+        codes(out, cob::emergency(node), "Code")?;
+    }
+    for node in MASTER..=LAST_ROBOT {
+        let id = cob::heartbeat(node);
+        writeln!(
+            out,
+            "VAL_ {id} NMT_state 0 \"Initialising\" 4 \"Stopped\" 5 \"Operational\" \
+             127 \"PreOperational\" ;"
+        )?;
     }
     // The signal is a float of 32 bits.
     for node in FIRST_ROBOT..=LAST_ROBOT {
-        let id = crate::cob::yaw_rate(node);
+        let id = cob::yaw_rate(node);
         writeln!(out, "SIG_VALTYPE_ {id} Yaw_rate : 1;")?;
     }
     Ok(())

@@ -1,6 +1,6 @@
 //! One robot moved alone, for tests with a person near it: the permission (object 0x2050:1), the
-//! declaration that makes a member of a group its own only one for a while (0x2050:2), and the
-//! commissioning twist (0x2101), which is slow whatever is asked for.
+//! declaration by which a member of a group counts as its only one for a while (0x2050:2), and the
+//! commissioning twist (0x2101), whose speed is limited here.
 
 use canopen::{AbortCode, NmtState};
 use control::configuration::Configuration;

@@ -1,10 +1,10 @@
-//! Identification as the bus sees it: asked for by SDO, answered by objects that can be read at
-//! leisure.
+//! Identification of the motors on the bus: requested by SDO, with the results in objects that can
+//! be read at any time.
 //!
 //! It begins where a commissioning twist would (started, standing, permitted by object 0x2050:1,
 //! which declares the wheels free or the area clear) and ends at rest: success, failure and abort
-//! all ramp to standstill and switch off, and only an NMT start goes on from there. Nothing it
-//! finds takes effect by itself. Heartbeat and SYNC of the master are watched as in any motion.
+//! all ramp to standstill and switch off, and the robot moves again only after an NMT start. No
+//! result takes effect by itself. Heartbeat and SYNC of the master are monitored as in any motion.
 
 use ::identification::{Bounds, Outcome, Stopped, WheelModel};
 use canopen::{AbortCode, NmtState};

@@ -1,8 +1,8 @@
 //! The application behind the CANopen device: one robot as a member of its group.
 //!
-//! Everything the robot knows on the bus side is here, and the device calls it (`service`): a value
-//! is computed when its object is read, a write takes effect when it is made, and at a SYNC it is
-//! the robot's turn between the setpoint and its status.
+//! It holds the state of the bus side, and the device calls it (`service`): when an object is read,
+//! to compute its value; when one is written, to take the value over; and at a SYNC, after the
+//! setpoint is latched and before the status is sent.
 //!
 //! # Files
 //!

@@ -1,9 +1,9 @@
 //! The value of every object beyond the communication profile, and what a write does.
 //!
-//! Every access is looked up in the one table of `protocol`; what is not there does not exist, what
-//! is out of its limits is refused, and a refused write changes nothing. A parameter lies in its
-//! slot. Everything else is worked out here when it is asked for, and takes effect here when it is
-//! written.
+//! Every access is looked up in the table of `protocol`. An object that is not there does not
+//! exist, a value outside its limits is refused, and a refused write changes nothing. Parameters
+//! are stored ([`crate::parameters`]). All other objects are computed here when they are read, and
+//! take effect here when they are written.
 
 use core::ops::Range;
 

@@ -1,4 +1,4 @@
-//! What the robot reports about itself: its process data, worked out when they are asked for.
+//! What the robot reports about itself: its process data, computed when they are sent or read.
 
 use control::time::Micros;
 use protocol::{Code, Limit, MeasuredTwist, MemberStatus, PoseReport, Scale, WheelRateReport};

@@ -1,12 +1,12 @@
-//! The store of the versions before: a map by `sequential-storage` 8, with the image under one key
-//! and what the store has been through under another. It is read only; the first write begins a log
-//! in the sector that this does not need.
+//! The store of earlier versions: a map by `sequential-storage` 8, with the image under one key and
+//! the counters of the store under another. It is only read; the first write begins a log in the
+//! sector that the map does not use.
 //!
 //! A sector in use begins with a word that is 0 and ends with another one once it is full. In
 //! between lie items: CRC-32C of the content, its length and the CRC-16 of the length, then the
 //! content in whole words: a key and a value. The newest item of a key counts; it is in the sector
-//! that is not full yet, if it is in both. An item whose CRC fails was cut off, and where no length
-//! can be read the next word is tried, as the map did.
+//! that is not full yet, if it is in both. An item whose CRC fails was cut off by a power loss.
+//! Where no length can be read, the next word is tried, as the map did.
 
 use super::{BLANK, Flash, WORD, byte};
 use crate::counters::StoreWear;

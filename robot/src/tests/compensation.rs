@@ -1,4 +1,4 @@
-//! Compensation tables in a robot: taken whole or not at all, used in the tick, kept.
+//! Compensation tables in a robot: accepted as a whole or not at all, used in the tick, saved.
 
 use std::boxed::Box;
 use std::vec::Vec;

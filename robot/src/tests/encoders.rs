@@ -1,4 +1,4 @@
-//! What a wheel really does when its encoder lies: the true rate, not what the robot thinks.
+//! What a wheel does when its encoder is wrong: its true rate, not the one that the robot measures.
 
 use kinematics::Twist;
 use protocol::address::{self as at, motor};

@@ -1,5 +1,5 @@
-//! What a start waits for before anything moves, and what starts and keeps a group from the
-//! master's side.
+//! What a start waits for before anything moves, and what the master does to start a group and to
+//! keep it moving.
 
 use kinematics::Twist;
 use protocol::address as at;

@@ -1,5 +1,5 @@
-//! Torque, supply, bridge and brake: what a robot asks of its outputs, and what it refuses to be
-//! told.
+//! Torque, supply, bridge and brake: what a robot commands at its outputs, and which parameters it
+//! refuses.
 
 use kinematics::Twist;
 use protocol::address::{self as at, motor};

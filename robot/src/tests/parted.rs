@@ -1,5 +1,4 @@
-//! Stops of the group: a member's emergency message, a bus that comes apart, a stop of
-//! all.
+//! Stops of the group: a member's emergency message, a bus that is cut in two, a stop of all.
 
 use kinematics::Twist;
 use protocol::address as at;

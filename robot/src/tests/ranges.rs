@@ -1,5 +1,5 @@
-//! Parameters over all that the table accepts, at random: what a robot does not take it refuses by
-//! name; what it takes it drives, as `f64` computes it, without a number that does not fit.
+//! Random parameters over all that the table accepts: a robot refuses those it cannot use by name;
+//! with the others it drives as `f64` computes it, and no number overflows.
 
 use control::interface::{Command, Inputs, Mode};
 use control::quantity::InputVoltage;

@@ -1,4 +1,4 @@
-//! What brings one robot to rest, and what keeps it there.
+//! What stops one robot, and what keeps it at rest.
 
 use canopen::NmtCommand;
 use control::time::Micros;

@@ -3,17 +3,17 @@
 //! # Theory of operation
 //!
 //! A client writes 0x1F51 = 0 and 3, then 0x1F50, then 0x1F51 = 1, and reads 0x1F57 in between (the
-//! dialect of CiA 302-3 that Zephyr's client speaks). What it asks for is judged at once and
-//! answered at once; what takes time is a [`Job`] that the platform does afterwards, when its
-//! answers are on the bus. Meanwhile 0x1F57 says busy; while a sector is erased, a [`StandIn`]
-//! does. Each sector to erase is a job of its own, so any other request that came while one was
-//! erased is answered before the next.
+//! variant of CiA 302-3 that Zephyr's client uses). A request is judged and answered at once. What
+//! takes time is a [`Job`], which the platform does after the answer has been sent. Meanwhile
+//! 0x1F57 reads as busy; while a sector is erased, a [`StandIn`] gives this answer. Each sector to
+//! erase is a job of its own, so any other request that came while one was erased is answered
+//! before the next.
 //!
-//! A download begins with the header, which is kept in RAM. It is parsed, and compared with the
-//! robot and the announced length, as soon as it is there; nothing but these checks stands between
-//! a client and the flash of the slot that is not running. Once the last word is programmed, the
-//! image is read back: its hash, the signature of the header and the first vectors decide whether
-//! the slot is sealed. Only a sealed image can be started.
+//! A download begins with the header, which is held in RAM. As soon as it is complete it is parsed
+//! and compared with the robot and the announced length; only these checks protect the flash of the
+//! slot that is not running. Once the last word is programmed, the image is read back: its hash,
+//! the signature of the header and the first vectors decide whether the slot is sealed. Only a
+//! sealed image can be started.
 //!
 //! An image on trial is confirmed by its client (0x1F51 = 0x80), or by itself after five seconds
 //! with SYNC and the heartbeat of its master if it can read the stored parameters. One that is not
@@ -27,8 +27,9 @@
 //!
 //! # Limits
 //!
-//! The signature is checked at the end, not before the other slot is written: who may write on the
-//! bus can make the robot lose the image it would go back to, but not start another one.
+//! The signature is checked at the end, not before the other slot is written. Any client on the bus
+//! can therefore destroy the image that the robot would go back to, but it cannot make the robot
+//! start another one.
 
 mod stand_in;
 mod work;

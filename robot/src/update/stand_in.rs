@@ -1,10 +1,9 @@
 //! Answers for a robot while its program cannot run.
 //!
-//! A sector of the flash takes a second or two to erase, and the program that lies in that flash
-//! stands still. A few instructions in RAM can go on: they know nothing of CANopen, and say what
-//! the bus side has prepared here. A client that waits for the end of an erase asks one question
-//! (0x1F57, is it still busy?), and who watches the robot wants its heartbeat. Everything else that
-//! is meant for this robot waits.
+//! A sector of the flash takes a second or two to erase, and the program in that flash stops
+//! meanwhile. A few instructions in RAM go on. They know nothing of CANopen and send what the bus
+//! side has prepared here: the answer to a client that reads 0x1F57 to learn whether the erase is
+//! finished, and the heartbeat. All other frames to this robot wait.
 
 use canopen::{Frame, NodeId};
 use protocol::{address as at, cob};

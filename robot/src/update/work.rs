@@ -1,5 +1,5 @@
-//! The slow jobs of an update: erasing, programming, checking. The platform does it between frames,
-//! with its flash and its cryptography.
+//! The slow jobs of an update: erasing, programming, checking. The platform does them between
+//! frames, with its flash and its cryptography.
 
 use boot::header::Header;
 use boot::records::{self, Seal};

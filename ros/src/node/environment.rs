@@ -1,5 +1,5 @@
-//! What the environment of a ROS 2 program says about the network: the domain, how far discovery
-//! reaches, which peers are known beforehand, and which middleware the others use.
+//! The network settings in the environment of a ROS 2 program: the domain, the range of discovery,
+//! static peers, and the middleware that the others use.
 //!
 //! The library reads none of these variables. An unusable value is refused with its name, because a
 //! robot that is silently in another domain is hard to find.

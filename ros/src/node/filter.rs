@@ -1,19 +1,20 @@
-//! What the kernel keeps from the library: claims of more messages than any peer has.
+//! A filter in the kernel that protects the library from datagrams with absurd sequence numbers.
 //!
-//! RustDDS 0.15.1 lists one by one the messages that a heartbeat says to exist and that a gap says
-//! to be missing, and takes as much memory for a message in fragments as its first fragment says.
-//! One damaged number there takes all the memory of the computer. [`guard`] puts a filter on the
-//! sockets of the participant (classic BPF, `SO_ATTACH_FILTER`) that drops a datagram with such a
-//! submessage before the library reads it. Damaged datagrams that are cut off are dropped as well.
+//! RustDDS 0.15.1 lists each message that a heartbeat declares to exist and each that a gap
+//! declares to be missing, and allocates the size of a fragmented message as its first fragment
+//! declares it. One damaged number there takes all the memory of the computer. [`guard`] puts a
+//! filter on the sockets of the participant (classic BPF, `SO_ATTACH_FILTER`) that drops a datagram
+//! with such a submessage before the library reads it. Damaged datagrams that are cut off are
+//! dropped as well.
 //!
-//! The library owns its sockets and does not show them. They are found by their ports among the
+//! The library does not give access to its sockets. They are found by their ports among the
 //! descriptors of this process, as in [`super::ports`], and duplicated; a filter belongs to the
 //! socket and not to the descriptor.
 //!
-//! Limits: Linux alone has this. It looks at the first submessages of a datagram, as many as the
-//! kernel takes a program for ([`DEPTHS`]). It cannot tell a damaged number from a true one within
-//! [`MOST`], nor what a peer says in another's name. What it does not see, the caller does: a
-//! program that takes more and more memory is ended.
+//! Limits: this works on Linux only. The filter checks the first submessages of a datagram, as many
+//! as fit in a program that the kernel accepts ([`DEPTHS`]). It cannot distinguish a damaged number
+//! within [`MOST`] from a true one, and it does not detect a peer that sends in another's name. For
+//! these cases the caller ends a program that takes more and more memory.
 
 use std::io;
 

@@ -1,16 +1,18 @@
 //! The node: the group on DDS, by `ros2-client`.
 //!
-//! [`run`] makes the node and serves it in the calling thread until its outgoing messages end.
-//! Messages to publish come through a channel, as [`Outgoing`]; commands and calls of services go
-//! to a closure, as [`Incoming`], whose answer is the reply of the service. The closure must not
-//! block. Slow readers never delay the node: a message for which there is no room is left out.
+//! [`run`] creates the node and serves it in the calling thread until its channel of outgoing
+//! messages is closed. Messages to publish come through this channel, as [`Outgoing`]; commands and
+//! service calls go to a closure, as [`Incoming`], whose return value is the reply of the service.
+//! The closure must not block. Slow readers never delay the node: a message for which there is no
+//! room is dropped.
 //!
 //! Only this module names the library, whose interface changes often.
 //!
-//! Limits: the library holds many panics, in threads of its own too. The thread of [`run`] and the
-//! library therefore never share a thread with what keeps a group safe, and a caller must take
-//! their end for that of the node. One of those threads may also hang: [`run`] ends with an error
-//! when the library has had no room for any message for [`HANGS`]. There are no parameter services.
+//! Limits: the library can panic in many places, also in its own threads. Code that keeps a group
+//! safe therefore never runs in the thread of [`run`] or in the library's threads, and a caller
+//! must treat their end as the end of the node. One of those threads may also hang: [`run`] ends
+//! with an error when the library has had no room for any message for [`HANGS`]. There are no
+//! parameter services.
 
 pub mod environment;
 #[cfg(target_os = "linux")]

@@ -1,11 +1,11 @@
-//! Peers that are named beforehand (`ROS_STATIC_PEERS`), for networks without multicast.
+//! Static peers (`ROS_STATIC_PEERS`), for networks without multicast.
 //!
 //! The DDS library announces itself to multicast groups and to this computer. For a peer elsewhere
 //! this relay sends copies of those announcements to the ports at which a participant waits for
-//! them. It hears them as any participant does, by the multicast group, and knows its own by the
-//! first twelve bytes of its identifier. A peer that has heard one answers the library directly.
-//! The group is joined on the interfaces by which the peers are reached, so a network without a
-//! default route will do.
+//! them. It receives them as any participant does, by the multicast group, and recognises its own
+//! by the first twelve bytes of its identifier. A peer that has received one answers the library
+//! directly. The group is joined on the interfaces by which the peers are reached, so no default
+//! route is needed.
 
 use std::io;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, UdpSocket};

@@ -1,18 +1,19 @@
 //! A participant whose ports belong together.
 //!
 //! A participant has a port for discovery and one for data, which follow from its number (RTPS 2.5,
-//! 9.6.2.3). The library takes the first number whose port for discovery is free. Where someone
-//! else has the port for data of that number, it listens at any free port, announces that one for
-//! readers, but still the port of the number for writers (`DiscoveredWriterData::new` in RustDDS
-//! 0.15.1). The answers of a reliable reader to a writer then go to someone else, and Fast DDS
-//! hears nothing of the writer. Programs that start together tear pairs apart: Fast DDS looks for a
-//! free port for discovery and for one for data separately.
+//! 9.6.2.3). The library takes the first number whose port for discovery is free. If another
+//! program has the port for data of that number, the library listens at any free port and announces
+//! that one for readers, but for writers it still announces the port of the number
+//! (`DiscoveredWriterData::new` in RustDDS 0.15.1). The answers of a reliable reader to a writer
+//! then go to the other program, and Fast DDS receives nothing from the writer. This happens when
+//! programs start together, because Fast DDS looks for a free port for discovery and for a free
+//! port for data separately.
 //!
-//! [`participant`] therefore looks at the ports that this process has got. Where they do not belong
-//! together, it occupies that port for discovery, so that the library takes another number, and
-//! makes the participant again.
+//! [`participant`] therefore checks the ports of this process. If they do not belong together, it
+//! occupies that port for discovery, so that the library takes another number, and creates the
+//! participant again.
 //!
-//! Limits: ports are looked up in `/proc`. Where there is none, the first participant is taken.
+//! Limits: ports are looked up in `/proc`. Without it, the first participant is used unchecked.
 
 use std::collections::HashMap;
 use std::fs;

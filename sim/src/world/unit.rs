@@ -96,6 +96,7 @@ pub(super) struct Unit {
     half_play: f64,
     wheels: [f64; 4],
     drives: [Bridge; 4],
+    directions: Directions,
     /// Time since which its bridges are off and its brake is commanded to engage, ns.
     pub safe_since_ns: Option<u64>,
     /// Angles last reported to the plant.
@@ -107,6 +108,22 @@ pub(super) struct Unit {
     /// It only does something at times it knows, and those last said.
     lazy: bool,
     wake: Wake,
+}
+
+/// How encoders and motors are wired or mounted: 1, or -1 where the other way round.
+struct Directions {
+    encoders: [f64; 4],
+    motors: [f64; 4],
+}
+
+impl Directions {
+    /// What the robot's outputs do to its motors.
+    fn at_motors(&self, drives: [Bridge; 4]) -> [Bridge; 4] {
+        std::array::from_fn(|n| Bridge {
+            duty: self.motors[n] * drives[n].duty,
+            ..drives[n]
+        })
+    }
 }
 
 impl Unit {
@@ -124,9 +141,18 @@ impl Unit {
         let right = Driver::from(data.output.kind);
         robot.wire_driver(simulation.driver.unwrap_or(right));
         robot.wire_smart_drives(data);
+        let signs = |bits: Option<u8>| {
+            let bits = bits.unwrap_or_default();
+            [0, 1, 2, 3].map(|wheel| if bits >> wheel & 1 == 1 { -1.0 } else { 1.0 })
+        };
+        let directions = Directions {
+            encoders: signs(data.reversed.encoders),
+            motors: signs(data.reversed.motors),
+        };
         Self {
             node: data.node,
-            drives: robot.drives(),
+            drives: directions.at_motors(robot.drives()),
+            directions,
             lazy: robot.is_lazy(),
             wake: robot.wake(),
             robot,
@@ -242,6 +268,7 @@ impl Unit {
             let angle = angle + self.slipped[wheel];
             let turned = self.wheels[wheel] + self.slipped[wheel];
             pulses[wheel] = self.indexes.follow(wheel, turned, angle);
+            let angle = self.directions.encoders[wheel] * angle;
             let reported = self.encoders[wheel].follow(angle, span, &mut self.edges);
             if !self.edges.is_empty() && self.robot.encoder_edges(wheel, &self.edges) {
                 self.edges.clear();
@@ -250,7 +277,8 @@ impl Unit {
             reported + self.edges.drain(..).map(|e| decoder.count(&e)).sum::<i32>()
         });
         let rates = [0, 1, 2, 3].map(|wheel: usize| self.motors[wheel].rate());
-        self.robot.set_wheel_rates(rates);
+        let seen = std::array::from_fn(|n| self.directions.encoders[n] * rates[n]);
+        self.robot.set_wheel_rates(seen);
         if counts != [0; 4] {
             self.robot.turn_encoders(counts);
         }
@@ -280,7 +308,7 @@ impl Unit {
 
     /// Reads the bridges; returns their state if it changed.
     pub fn look_at_bridges(&mut self, now_ns: u64) -> Option<&[Bridge; 4]> {
-        let drives = self.robot.drives();
+        let drives = self.directions.at_motors(self.robot.drives());
         let live = |drive: &Bridge| drive.enabled || drive.brake_released;
         if drives.iter().any(live) {
             self.safe_since_ns = None;

@@ -1,4 +1,4 @@
-//! The message `factsheet` (6.15): what the vehicle is and can do.
+//! The message `factsheet` (6.15): what kind of vehicle it is and what it can do.
 
 use serde_json::{Map, Value, json};
 

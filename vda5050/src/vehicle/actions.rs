@@ -1,4 +1,4 @@
-//! Instant actions (6.8, 6.9): each is answered, also one that cannot be done.
+//! Instant actions (6.8, 6.9): each is answered, even one that cannot be executed.
 
 use serde_json::Value;
 

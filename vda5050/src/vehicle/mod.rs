@@ -1,15 +1,16 @@
-//! One vehicle: takes messages, holds the order, says what to drive and what to send.
+//! One vehicle: takes messages, holds the order, and returns what to drive and what to send.
 //!
-//! The caller tells it the time with every call, in ms since 1970. It calls [`Vehicle::receive`]
-//! for a message, [`Vehicle::passed`] when a node is reached, and [`Vehicle::see`] again and again
-//! with what it sees of the vehicle; then it takes [`Vehicle::requests`] and [`Vehicle::outgoing`].
+//! The caller passes the time with every call, in ms since 1970. It calls [`Vehicle::receive`] for
+//! a message, [`Vehicle::passed`] when a node is reached, and [`Vehicle::see`] periodically with
+//! the observed state of the vehicle; then it takes [`Vehicle::requests`] and
+//! [`Vehicle::outgoing`].
 //!
-//! Every change that chapter 6.10 names makes a state of its own, each node that is passed too: a
-//! fleet control that counts nodes misses none. States wait here while there is no connection, at
-//! most [`MOST_WAITING`] of them, and leave in their order when there is one again. Losing the
+//! Every change that chapter 6.10 names produces a state message of its own, including every node
+//! that is passed, so a fleet control that counts nodes misses none. Without a connection at most
+//! [`MOST_WAITING`] states wait here, and they are sent in order when it is back. Losing the
 //! connection changes nothing else: the vehicle drives to the last released node (6.2).
 //!
-//! `orders` decides about orders, `actions` does instant actions.
+//! `orders` decides about orders, `actions` executes instant actions.
 
 mod actions;
 mod orders;

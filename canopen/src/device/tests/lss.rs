@@ -265,7 +265,7 @@ fn fastscan_finds_one_device_after_the_other_until_there_is_none() {
     for node in 10.. {
         let (how, questions) = scan(&mut devices);
         let Scanned::Found(identity) = how else {
-            assert_eq!((how, questions), (Scanned::Nobody, 1));
+            assert_eq!((how, questions), (Scanned::NoUnconfiguredSlave, 1));
             break;
         };
         assert_eq!(questions, 1 + 4 * 33);
@@ -301,7 +301,7 @@ fn fastscan_finds_one_device_after_the_other_until_there_is_none() {
 #[test]
 fn fastscan_passes_by_devices_that_have_a_node_id() {
     let (how, _) = scan(&mut [Bench::booted(CONFIG)]);
-    assert_eq!(how, Scanned::Nobody);
+    assert_eq!(how, Scanned::NoUnconfiguredSlave);
 }
 
 #[test]

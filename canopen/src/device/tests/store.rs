@@ -141,7 +141,7 @@ fn a_client_waits_until_saving_has_ended() {
         bench.receive(0x605, save);
         bench.pass(5_000);
         assert_eq!(bench.frames(), []);
-        // Nobody else is served meanwhile.
+        // No other client is served meanwhile.
         assert_eq!(bench.read(0x1000, 0), Err(0x060A_0023));
         bench.device.finish_store(result);
         assert_eq!(bench.frames(), [Frame::of(0x585, answer)]);

@@ -1,4 +1,4 @@
-//! What `omnibus calibrate` prints of what it found: tables, or JSON.
+//! The output of `omnibus calibrate`: tables, or JSON.
 
 use omnibus::commission::calibrate::fit::Row;
 use omnibus::commission::calibrate::manoeuvre::Way;

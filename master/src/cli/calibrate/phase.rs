@@ -1,5 +1,5 @@
-//! `omnibus calibrate --phase`: how the rollers of each wheel stand at its encoder's index, from a
-//! source of poses or from gyros.
+//! `omnibus calibrate --phase`: the angle of each wheel's rollers at its index, from a source of
+//! poses or from gyros.
 
 use group::GroupFile;
 use omnibus::bus::address::BusAddress;
@@ -76,7 +76,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
 }
 
-/// Refuses a gyro that has no place on a simulated bus.
+/// Refuses a gyro that a simulated bus does not have.
 #[cfg(feature = "simulation")]
 pub fn is_simulated(gyro: &str) -> anyhow::Result<()> {
     if gyro != SIM {

@@ -61,7 +61,8 @@ pub struct Slip {
     /// file.
     #[arg(long, value_name = "FILE.json")]
     kept: Option<PathBuf>,
-    /// Draws the coefficients over speed after every motion. A page reloads itself.
+    /// Draws the coefficients over speed after every motion; an existing file is replaced. A page
+    /// reloads itself.
     #[arg(long, value_name = "FILE.svg|FILE.png|FILE.html")]
     plot: Option<PathBuf>,
     /// Continues a calibration that ended early; completed motions are not driven again.
@@ -143,8 +144,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let bodies = Body::all(&group);
     if slip.tape && bodies.len() > 1 {
         bail!(
-            "--tape measures one body, but the {} robots of {} are not connected; calibrate them \
-             one by one",
+            "--tape measures one body, but the {} robots of {} are not bolted together; calibrate \
+             them one by one",
             bodies.len(),
             group.name
         );
@@ -226,8 +227,8 @@ fn by_tape<L: Link>(
     let heading = Body::all(file).first().map_or(0.0, Body::heading);
     if heading != 0.0 {
         print_note(format!(
-            "Ahead is {:+.1} degrees from the group's x axis (left is positive): as the robots \
-             face, in the mean.",
+            "Ahead is {:+.1} degrees from the group's x axis (left is positive), the robots' mean \
+             direction.",
             heading.to_degrees()
         ));
     }
@@ -361,8 +362,8 @@ fn find<L: Link>(
     if arguments.slip.all && has_rollers {
         if rollers::is_bolted(file) {
             print_note(format!(
-                "The robots of {} are bolted to one load, which hides the ripple of each; their \
-                 phases remain those of the group file.",
+                "The robots of {} are bolted to one load, which hides the ripple of each, so their \
+                 phases are not measured; those of the group file remain.",
                 file.name
             ));
         } else {
@@ -384,8 +385,8 @@ fn held<L: Link>(group: &mut Group<L>, file: &GroupFile) -> Result<Vec<Held>, Ma
     nodes.map(|node| Held::read(group.wire(), node)).collect()
 }
 
-/// Writes a calibration where it has to go, keeps what was there, and says whether the group file
-/// has it. The robots hold it already: the last motions were driven with it.
+/// Writes a calibration to the group file and saves the previous values; true if the group file was
+/// rewritten. The robots hold the calibration already: the last motions were driven with it.
 fn write<L: Link>(
     arguments: &Arguments,
     calibration: &Calibration,
@@ -405,7 +406,7 @@ fn write<L: Link>(
         robots: before,
         group_file: new.is_some().then_some(old),
     };
-    // First what would be lost.
+    // The previous values first, because they would be lost.
     record.save(&undo_path(arguments, path))?;
     if let Some(text) = &new {
         omnibus::file::replace(path, text)
@@ -438,7 +439,7 @@ fn undo(arguments: &Arguments, file: &GroupFile) -> anyhow::Result<()> {
     let from = undo_path(arguments, path);
     let record = UndoRecord::load(&from)?;
     let mut group = Group::connect(arguments.target.command(file)?, file)?;
-    // From here on it is completed, whatever is pressed.
+    // Ctrl-C does not end it from here on.
     let _ = abort_on_ctrl_c()?;
     group.command(NmtCommand::EnterPreOperational)?;
     for held in &record.robots {
@@ -462,13 +463,13 @@ fn undo(arguments: &Arguments, file: &GroupFile) -> anyhow::Result<()> {
     }
     for held in &record.robots {
         print_line(format!(
-            "node {}: back to version {}",
+            "node {}: version {} restored",
             held.node,
             held.version()
         ))?;
     }
     if record.group_file.is_some() {
-        print_line(format!("{}: as it was", path.display()))?;
+        print_line(format!("{}: previous content restored", path.display()))?;
     }
     Ok(())
 }

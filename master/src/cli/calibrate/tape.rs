@@ -14,9 +14,17 @@ use crate::cli::print_note;
 
 /// Answers to questions, line by line from the standard input.
 pub fn answers() -> mpsc::Receiver<String> {
-    let (send, answers) = mpsc::channel();
+    read(|| std::io::stdin().lock().lines())
+}
+
+/// Lines from a thread of its own, which reads one ahead: an input without end must not fill the
+/// memory.
+fn read<I: Iterator<Item = std::io::Result<String>>>(
+    lines: impl FnOnce() -> I + Send + 'static,
+) -> mpsc::Receiver<String> {
+    let (send, answers) = mpsc::sync_channel(0);
     std::thread::spawn(move || {
-        for line in std::io::stdin().lock().lines() {
+        for line in lines() {
             let Ok(line) = line else { return };
             if send.send(line).is_err() {
                 return;
@@ -88,7 +96,35 @@ fn question<L: Link>(
             (Way::Aside, Ok([y])) => return Ok(Some([0.0, *y, 0.0])),
             (Way::Oblique, Ok([x, y])) => return Ok(Some([*x, *y, 0.0])),
             (Way::Turn, Ok([degrees])) => return Ok(Some([0.0, 0.0, degrees.to_radians()])),
-            _ => print_note(format!("'{}' is not {wanted}", line.trim())),
+            _ => print_note(format!(
+                "'{}' is not a measurement; type one number for each of: {wanted}",
+                line.trim()
+            )),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    use super::*;
+
+    #[test]
+    fn an_input_without_end_is_read_as_far_as_it_is_asked_for() {
+        let count = Arc::new(AtomicUsize::new(0));
+        let counted = Arc::clone(&count);
+        let lines = read(move || {
+            std::iter::from_fn(move || {
+                counted.fetch_add(1, Ordering::SeqCst);
+                Some(Ok("0.9".to_owned()))
+            })
+        });
+        for _ in 0..3 {
+            assert_eq!(lines.recv().unwrap(), "0.9");
+        }
+        std::thread::sleep(Duration::from_millis(20));
+        assert!(count.load(Ordering::SeqCst) <= 4);
     }
 }

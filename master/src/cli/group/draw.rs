@@ -21,7 +21,7 @@ so a robot with four equal corners shows an X; the rollers on the floor slant th
 pub struct Arguments {
     /// The file.
     file: PathBuf,
-    /// Writes an SVG file instead of a picture in the terminal.
+    /// Writes an SVG file instead of a picture in the terminal; an existing file is replaced.
     #[arg(long, value_name = "FILE.svg")]
     output: Option<PathBuf>,
 }

@@ -15,12 +15,12 @@ pub enum CalibrateError {
          limits.linear_speed and limits.yaw_rate"
     )]
     NoSpeeds,
-    /// Bolted robots that face so differently that ahead and sideways are not told apart, and
-    /// that turn their group for it.
+    /// Bolted robots that face so differently that their losses ahead and sideways cannot be
+    /// separated, and that turn their group because of it.
     #[error(
-        "with the new coefficients {motion} motion turns the group by {degrees:.2} degrees a \
-         metre; its robots face so differently that what they lose ahead and sideways cannot be \
-         told apart while they are bolted together; nothing is written. Unbolt them, calibrate \
+        "with the new coefficients {motion} motion turns the group by {degrees:.2} degrees per \
+         metre: the robots face so differently that their losses ahead and sideways cannot be \
+         separated while they are bolted together; nothing is written. Unbolt them, calibrate \
          with simulation.rigid = false in the group file, then bolt them again"
     )]
     NotToldApart {
@@ -53,20 +53,20 @@ pub enum CalibrateError {
         /// What is wrong.
         reason: String,
     },
-    /// The source of poses looks askew.
+    /// The axes of the source of poses are turned against the robots'.
     #[error(
         "every motion deviates by {degrees:.1} degrees to the left (negative: right): the source \
          of poses and the robots disagree about the direction ahead; turn the \
-         tracked body's axes by that and measure again"
+         tracked body's axes by that angle and measure again"
     )]
     Askew {
         /// By how much, counter-clockwise.
         degrees: f64,
     },
-    /// One motion leads elsewhere.
+    /// One motion went in another direction.
     #[error(
         "{motion} at {speed} m/s deviated by {degrees:.1} degrees; look for a wheel that does not \
-         turn, slips, or is mounted in another's place (`omnibus wheel-test`)"
+         turn, slips, or is mounted in the place of another (`omnibus wheel-test`)"
     )]
     Sidelong {
         /// Which motion.
@@ -106,10 +106,10 @@ pub enum CalibrateError {
         /// By how much.
         percent: f64,
     },
-    /// Bolted robots whose rollers are looked for.
+    /// Bolted robots whose roller phases are asked for.
     #[error(
-        "the robots of {0} are bolted to one load, which hides the ripple of each behind the \
-         others'; calibrate them apart (simulation.rigid = false in the group file says so)"
+        "the robots of {0} are bolted to one load, which hides the ripple of each behind that of \
+         the others; calibrate them apart, with simulation.rigid = false in the group file"
     )]
     Bolted(String),
     /// Phases that the data do not determine.

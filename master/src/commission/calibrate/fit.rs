@@ -1,11 +1,11 @@
-//! From motions to coefficients: tables over speed, ahead, sideways and oblique, each with how sure
-//! it is.
+//! From motions to coefficients: tables over speed, ahead, sideways and oblique, with intervals.
 //!
-//! One axis at one speed is [`kinematics::estimate::fit`]: outliers out, least squares, a 95 %
-//! interval, refusal of what does not determine it. Oblique motions at any angle are first brought
-//! to 45 degrees by the rule that [`kinematics::DirectionalCompensation`] interpolates with. Before
-//! anything is fitted the motions have to make sense: a group that moves askew has a pose source
-//! that looks askew, or a wheel in the wrong place, and no coefficient corrects either.
+//! [`kinematics::estimate::fit`] fits one axis at one speed: it rejects outliers, takes least
+//! squares, gives a 95 % interval, and refuses data that do not determine the coefficient. Oblique
+//! motions at any angle are first converted to 45 degrees by the rule with which
+//! [`kinematics::DirectionalCompensation`] interpolates. Motions in a wrong direction are refused
+//! before that: the axes of the pose source are turned, or a wheel is in the wrong place, and no
+//! coefficient corrects either.
 
 use group::{CompensationTable, GroupFile};
 use kinematics::estimate::{Fit, Limits, Sample, fit, student_95};

@@ -1,4 +1,4 @@
-//! What a calibration found, as numbers and lines of a group file.
+//! The results of a calibration as numbers and lines of a group file.
 //!
 //! [`rounded`] gives every number the decimals that the file gets. It is applied before the last
 //! motions are driven, so file, robots and verification hold the same values. [`rewrite`] changes

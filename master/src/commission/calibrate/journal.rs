@@ -1,11 +1,12 @@
-//! What goes along with a calibration: progress, motions to leave out, and a record of finished
-//! motions, from which a calibration that ended early goes on.
+//! The journal of a calibration: progress, motions to leave out, and a record of finished motions,
+//! from which a calibration that ended early continues.
 //!
 //! A calibration drives some thirty motions in ten minutes. Each has a number. When one is
-//! finished, its observations are appended to a file of JSON lines, so nothing that was driven is
-//! lost when the bus, the source of poses or the program fails. A later run with the same group and
+//! finished, its observations are appended to a file of JSON lines, so no finished motion is lost
+//! when the bus, the source of poses or the program fails. A later run with the same group and
 //! settings reads the file and drives only what is missing. The first line is a fingerprint of
-//! both; another one is refused, because its observations belong to other motions.
+//! both. A file with another fingerprint is refused, because its observations belong to other
+//! motions.
 
 use std::collections::VecDeque;
 use std::fs::File;

@@ -1,13 +1,15 @@
-//! How far the group trails what its wheels turn: the creep of its contacts, as times.
+//! The lag of the contacts: by how much time the group trails the motion of its wheels, because its
+//! contacts creep.
 //!
 //! The group drives straight ahead, sideways and turns, each there and back, with its slip already
-//! compensated, and is seen at every SYNC. The lag of an axis is the time by which what is seen
-//! trails what was asked for, fitted free of gain and start ([`crate::monitor::metrics`]).
+//! compensated, and its pose is measured at every SYNC. The lag of an axis is the time by which the
+//! measured motion trails the commanded one, fitted independently of gain and start
+//! ([`crate::monitor::metrics`]).
 //!
-//! A source of poses that is late adds its delay to all three. It is told from them by geometry:
-//! contacts that creep let turning trail by a known share of what translation trails
-//! ([`turning_share`]), so what turning trails beyond that is the source's. Where the load lies
-//! further out than its wheels some of the contacts' lag is taken for the source's.
+//! A source of poses that is late adds its delay to all three lags. Geometry separates the two:
+//! creeping contacts make turns trail by a known share of the lag of translation
+//! ([`turning_share`]), so the lag of turns beyond that share is the source's. If the load reaches
+//! further out than its wheels, a part of the contacts' lag is attributed to the source.
 
 use std::f64::consts::{PI, TAU};
 

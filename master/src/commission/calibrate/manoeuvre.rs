@@ -1,14 +1,14 @@
-//! The motions that show what a floor takes away: along each axis, obliquely and turning, both
-//! ways, at several speeds.
+//! The motions that show the loss by slip: along each axis, obliquely and turning, there and back,
+//! at several speeds.
 //!
 //! Each goes from rest to rest over whole passages of a roller of every wheel, so that the ripple
-//! of the rollers does not pass for loss. Oblique ones go at atan(3/5) to an axis and not at 45
-//! degrees, where two wheels stand and what is lost depends on the roller they happen to stand on:
-//! here the slow wheels turn a quarter as fast as the others.
+//! of the rollers does not count as loss. Oblique motions are at atan(3/5) to an axis, where the
+//! slow wheels turn a quarter as fast as the others. At 45 degrees two wheels would stand, and the
+//! loss would depend on the points of their rollers on which they stand.
 //!
-//! A robot whose contacts reach their limit while it speeds up or slows down loses some millimetres
-//! there, whatever its way. So ramps are gentle, and the way at full speed is at least as long as
-//! both together: fast motions need more room than slow ones.
+//! A robot whose contacts reach their limit in a ramp loses some millimetres there, independently
+//! of the distance. So ramps are gentle, and the distance at full speed is at least that of both
+//! ramps; fast motions therefore need more room than slow ones.
 
 use std::f64::consts::TAU;
 

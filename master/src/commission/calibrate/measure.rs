@@ -1,18 +1,18 @@
-//! Drives the motions and puts side by side what the wheels say of them and what was measured.
+//! Drives the motions and compares each as the wheels report it with what was measured.
 //!
-//! What was asked is not the setpoint but the way the robots themselves work out from their wheels,
-//! with the compensation in force taken off again: so ramps, delays and a scaled-down speed do not
-//! matter, and both are read at rest. Robots bolted to one load are one subject with the pose of
-//! the group; robots apart are a subject each.
+//! The reference is not the setpoint but the displacement that the robots compute from their
+//! wheels, without the compensation in force. So ramps, delays and a scaled-down speed do not
+//! matter, and both are read at rest. Robots bolted to one load are one body with the pose of the
+//! group; each robot apart is a body of its own.
 //!
-//! Bolted robots may face different ways. With `theta_j` where robot `j` faces, and robots that
-//! carry alike, a group moves as the mean of what its robots would: by `R_j diag(a, b) R_j^T`, when
-//! each achieves the share `a` of what it asks for ahead and `b` of what it asks for sideways. That
-//! mean is `(a + b) / 2 + alignment (a - b) / 2` along the mean direction of `2 theta_j`, halved,
-//! `(a + b) / 2 - alignment (a - b) / 2` across it, and nothing from one to the other; `alignment`
-//! is the length of the mean of `exp(2 i theta_j)`. So both shares follow from motions along these
-//! two axes, unless the alignment is near zero. Then translation does not depend on the difference
-//! of the shares, and it is not looked for.
+//! Bolted robots may face differently. Let `theta_j` be the heading of robot `j`, and let all
+//! robots carry the same load. Each achieves the share `a` of its commanded motion ahead and `b`
+//! sideways, so it would move by `R_j diag(a, b) R_j^T`, and the group moves by the mean of these.
+//! That mean is `(a + b) / 2 + alignment (a - b) / 2` along the mean direction of `2 theta_j`,
+//! halved, `(a + b) / 2 - alignment (a - b) / 2` across it, and nothing from one to the other;
+//! `alignment` is the length of the mean of `exp(2 i theta_j)`. So both shares follow from motions
+//! along these two axes, unless the alignment is near zero. Then translation does not depend on the
+//! difference of the shares, which is not estimated.
 
 use std::f64::consts::{PI, TAU};
 

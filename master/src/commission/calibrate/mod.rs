@@ -2,13 +2,13 @@
 //!
 //! [`calibrate`] finds the compensation for wheel slip. First the straight motions are driven
 //! without compensation and give the tables ahead, sideways and oblique. With these in force the
-//! turns are driven, because robots bolted far from the middle turn the group mostly by going
-//! sideways; their coefficient is corrected until the turn is right. Then every axis is driven once
-//! more with everything in force: what is left then is what the calibration is worth, and one that
-//! does not hold is refused. [`phase`] finds how the rollers stand.
+//! turns are driven, because robots bolted far from the middle turn the group mostly by moving
+//! sideways; the coefficient of turns is corrected until the turn is right. Finally every axis is
+//! driven once more with all coefficients in force. The remaining error is reported, and a
+//! calibration with a large one is rejected. [`phase`] finds the roller phases.
 //!
-//! Robots that know their rollers are given constants. What grows with speed there is what the
-//! rollers lose that meet the floor at rest; it is separated and becomes a number of the group
+//! Robots with known rollers are given constants. The loss that grows with speed there is that of
+//! roller transitions. It is separated and becomes a number of the group
 //! ([`crate::path::roller_transition`]), in force from the turns on.
 
 pub mod chart;

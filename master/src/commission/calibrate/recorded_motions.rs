@@ -1,15 +1,15 @@
-//! The slow motions that show how the rollers stand, and what was seen of them.
+//! The slow motions that show the roller phases, and the samples recorded in them.
 //!
-//! [`motions`] are mixed ones: sideways, with a little forward and a little turn, so that the four
-//! wheels turn at four rates and each ripples at a frequency of its own. That is what a gyro needs
-//! to tell them apart, which sees one axis only; poses would do with less. There and back, and with
-//! the slow and the fast wheels exchanged. Every second repetition turns the other way, so that in
-//! two of them each wheel turns at each of the four rates once: what a model of the robot leaves
-//! out depends on the rates, and the same motion once more would only show it again.
+//! [`motions`] combine sideways motion with a little forward motion and turn, so that the four
+//! wheels turn at four rates and each ripples at its own frequency. A gyro measures one axis only
+//! and needs this to separate the wheels; poses would need less. The motions go there and back, and
+//! again with slow and fast wheels exchanged. Every second repetition turns the other way, so in
+//! two of them each wheel turns at each of the four rates once. The errors of the robot's model
+//! depend on the rates, so repeating the same motion would repeat its error.
 //!
-//! Wheel angles are those the robots give at rest before and after; between, their measured wheel
-//! rates are summed up and brought to fit. The caller provides the samples at every SYNC, but for
-//! gyros on the robots' boards: what those have turned is in the heading that the robots report.
+//! Wheel angles are read from the robots at rest before and after a motion; between, their measured
+//! wheel rates are summed up and fitted to these. The caller provides the samples at every SYNC,
+//! except for gyros on the robots' boards, whose turn is in the heading that the robots report.
 
 use std::f64::consts::TAU;
 

@@ -1,5 +1,4 @@
-//! How the rollers of every robot of a group stand at their index: the motions, and the fit of each
-//! robot.
+//! The roller phases of every robot of a group: the motions, and the fit of each robot.
 
 use group::GroupFile;
 use kinematics::{FourWheelGeometry, Rollers, VelocityCompensation};

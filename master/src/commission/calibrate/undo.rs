@@ -1,4 +1,4 @@
-//! What a calibration replaces, so that it can be taken back.
+//! The values that a calibration replaces, saved so that it can be undone.
 
 use std::path::Path;
 

@@ -54,7 +54,7 @@ fn each_image_reads_what_the_other_has_saved() {
     assert_eq!(bench.read(at::RUNNING_SLOT), 2);
     assert_eq!(half_track(&mut bench), 0.4);
     save(&mut bench, 0.5);
-    // Nobody confirms it.
+    // It is not confirmed.
     bench.pass(200_000, false);
     assert_eq!(bench.read(at::RUNNING_SLOT), 1);
     assert_eq!(half_track(&mut bench), 0.5);

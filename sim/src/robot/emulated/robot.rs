@@ -254,7 +254,7 @@ impl Robot for EmulatedRobot {
     }
 
     fn overrun(&mut self) {
-        // The FIFO holds three (RM0390 rev 6, 30.7.5). Nobody in a group listens to this
+        // The FIFO holds three (RM0390 rev 6, 30.7.5). No member of a group listens to this
         // identifier.
         const FRAMES: usize = 5;
         const IDENTIFIER: u16 = 0x7FF;

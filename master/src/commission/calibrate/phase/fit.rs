@@ -1,12 +1,11 @@
 //! The fit: linear start, then Gauss-Newton on the whole model.
 //!
-//! Beside the four phases go along: the distance between a wheel's axle and its rollers', the
-//! rollers' drag, the angle over which a wheel touches the floor, the time constant with which
-//! creeping contacts trail (one for translation and one for turns), by what source and bus are
-//! apart in time (likewise), a gain for each axis, and for a gyro a bias and a drift in every
-//! motion.
-//! Each has a prior, mostly so wide that it only decides where the data say nothing: an axis
-//! without motion has no gain of its own.
+//! The unknowns beside the four phases are: the distance between a wheel's axle and its rollers',
+//! the rollers' drag, the angle over which a wheel touches the floor, the time constant of creeping
+//! contacts and the delay between source and bus (each once for translation and once for turns), a
+//! gain for each axis, and for a gyro a bias and a drift in every motion. Each has a prior, mostly
+//! so wide that it matters only where the data contain no information: an axis without motion has
+//! no gain of its own.
 
 use super::model::{Back, Lean, Model, Shape};
 use super::solve::{dot, invert};

@@ -1,18 +1,17 @@
 //! Roller phases from a robot's motion.
 //!
-//! A wheel whose index has been seen knows its angle, but not how its rollers stand there. While
-//! the robot moves, each wheel's ripple shows in its pose, and in its yaw rate alone when all
-//! wheels turn at rates of their own. Wheel angles and what was seen are cut into intervals of
-//! about a twelfth of a roller; for assumed phases the wheels' angle increments predict the robot's
-//! displacement in each ([`model`]); the phases are those with the smallest squared difference
-//! ([`fit`]). Gains, delays and, for a gyro, its bias go along, so that constant slip and late
-//! clocks do not matter.
+//! After a wheel's index has passed, the wheel's angle is known, but not the angle of its rollers.
+//! While the robot moves, each wheel's ripple shows in the robot's pose, and in its yaw rate alone
+//! if all wheels turn at different rates. Wheel angles and samples are cut into intervals of about
+//! a twelfth of a roller. For assumed phases the wheels' angle increments predict the robot's
+//! displacement in each interval ([`model`]), and the phases with the smallest squared difference
+//! are the result ([`fit`]). Gains, delays and the bias of a gyro are fitted as well, so that
+//! constant slip and late clocks do not matter.
 //!
-//! The interval of 95 % follows from how the residuals pull on a phase and how they follow each
-//! other, widened for what the model leaves out. Nothing is returned that the data do not
-//! show: too few rollers passed, samples too slow for the ripple, a turn that is not the wheels', a
-//! ripple that explains too little, or an interval that is wide against a roller are refused by
-//! name.
+//! The 95 % interval follows from how the residuals pull on a phase and how they correlate, widened
+//! for what the model leaves out. Data that do not determine the phases are refused by name: too
+//! few passages of rollers, samples too slow for the ripple, a turn that is not the wheels', a
+//! ripple that explains too little, or an interval that is wide compared with a roller.
 
 mod fit;
 mod model;
@@ -150,7 +149,7 @@ pub struct Phases {
 pub enum PhaseError {
     /// The robot has not moved far enough.
     #[error(
-        "{wheel} wheel: {passages:.1} rollers have passed, {PASSAGES} are needed; drive further \
+        "{wheel} wheel: {passages:.1} rollers have passed, and {PASSAGES} are needed; drive further \
          (--repeats)"
     )]
     TooShort {
@@ -161,8 +160,8 @@ pub enum PhaseError {
     },
     /// The gyro is too slow for the wheels.
     #[error(
-        "the gyro sent {hz:.1} samples a second where it was slowest; {needed:.0} are needed \
-         while a roller of the fastest wheel passes: let it send more, 100 or 200 a second"
+        "the gyro sent as few as {hz:.1} samples a second; {needed:.0} are needed while a roller \
+         of the fastest wheel passes: configure it for 100 or 200 a second"
     )]
     TooSlow {
         /// Its samples.
@@ -170,10 +169,10 @@ pub enum PhaseError {
         /// What is needed.
         needed: f64,
     },
-    /// The gyro turns otherwise than the wheels.
+    /// The gyro shows another turn than the wheels.
     #[error(
-        "the gyro shows {gain:.2} times the turn that the wheels make; yaw_rate is in rad/s about \
-         the axis that points up, counter-clockwise positive: {advice}"
+        "the gyro shows {gain:.2} times the turn that the wheels make; yaw_rate must be in rad/s \
+         about the axis that points up, counter-clockwise positive: {advice}"
     )]
     OtherTurn {
         /// Measured over expected.
@@ -181,11 +180,11 @@ pub enum PhaseError {
         /// What it looks like.
         advice: &'static str,
     },
-    /// The ripple is not there, or drowns.
+    /// There is no ripple, or noise hides it.
     #[error(
-        "the ripple is not observable: the best phases explain {percent:.0} % of what wheels \
-         without ripple leave, 10 are needed; check the number of rollers, and use a quieter \
-         source of poses or gyro"
+        "the ripple is not observable: the best phases explain {percent:.0} % of the residual of \
+         wheels without ripple, and 10 % are needed; check the number of rollers, and use a \
+         quieter source of poses or gyro"
     )]
     NotObservable {
         /// Share explained, per cent.
@@ -193,17 +192,17 @@ pub enum PhaseError {
     },
     /// The motions do not show a wheel's ripple by itself, or noise hides it.
     #[error(
-        "{wheel} wheel: its ripple cannot be distinguished from the other wheels' or from noise; every \
-         wheel has to go sideways at a rate of its own: calibrate robots one by one, facing the \
-         way their group file does, or use a quieter source of poses or gyro"
+        "{wheel} wheel: its ripple cannot be distinguished from the other wheels' or from noise; \
+         every wheel has to turn at its own rate: calibrate the robots one by one, facing as the \
+         group file says, or use a quieter source of poses or gyro"
     )]
     Alike {
         /// Which wheel.
         wheel: &'static str,
     },
-    /// One wheel's phase could be nearly anything.
+    /// The interval of one wheel's phase is too wide.
     #[error(
-        "{wheel} wheel: the phase is only known to ±{degrees:.1} degrees, ±{limit:.1} are needed; \
+        "{wheel} wheel: the phase is only known to ±{degrees:.1} degrees, and ±{limit:.1} are needed; \
          drive longer (--repeats), or use a quieter source of poses or gyro"
     )]
     Unsure {

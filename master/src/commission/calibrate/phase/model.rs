@@ -1,23 +1,23 @@
-//! A robot on its rollers as the fit sees it: how far it goes while its wheels turn, for assumed
+//! The fit's model of a robot on its rollers: its displacement while its wheels turn, for assumed
 //! phases.
 //!
 //! Two things change while a roller sweeps by the angle t, both as in `docs/kinematics.md`: the
 //! wheel's row of J has its sideways part multiplied by `sec t`, and the point of contact wanders
 //! along the wheel's axle by `rho tan t cot g`, `rho` being the distance between the wheel's axle
-//! and a roller's. The wander acts on turns only and is odd where the secant is even, so a
-//! model without it finds phases that are off by degrees as soon as the robot turns. Both enter as
-//! means over an interval, in closed form.
+//! and a roller's. The wander acts on turns only and is odd where the secant is even, so a model
+//! without it finds phases that are off by degrees as soon as the robot turns. Both are averaged
+//! over an interval in closed form.
 //!
-//! A loaded wheel touches the floor over some angle, so a roller takes over little by little: while
-//! the edge of two rollers is within half of that angle of the lowest place, both carry, and the
-//! wheel does the mean of what they want by what presses on each side of it, a parabola. How
-//! far a wheel settles is not known, so that angle is fitted as well.
+//! A loaded wheel touches the floor over some angle, so a roller takes over gradually. While the
+//! edge between two rollers is within half of that angle of the lowest point, both carry, and the
+//! wheel moves by the mean of both, weighted by the load on either side of the edge, a parabola.
+//! How far a wheel settles is not known, so the angle is fitted as well.
 //!
-//! Wheels that contradict each other share the slip: the twist is least squares over the slip along
-//! the rollers' axles, which is what contacts do whose force grows in proportion to their slip.
-//! Across their axles rollers resist being turned, some thousandths as stiffly. That is small, but
-//! it pulls at the wandering point of contact: left out, it moves front wheels' phases one way and
-//! rear wheels' the other, by a tenth of a degree.
+//! Wheels that contradict each other share the slip: the twist is the one with the least squared
+//! slip along the rollers' axles, as of contacts whose force is proportional to their slip. Across
+//! their axles rollers resist being turned, some thousandths as stiffly. This pulls at the
+//! wandering point of contact: without it, phases are off by a tenth of a degree, front and rear in
+//! opposite directions.
 
 use kinematics::{FourWheelGeometry, Rollers};
 

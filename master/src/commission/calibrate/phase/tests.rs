@@ -1,5 +1,5 @@
-//! The fit against robots that roll by the swept wheels of the kinematics crate, in small steps of
-//! time.
+//! Tests of the fit with robots that roll on the swept wheels of the kinematics crate, in small
+//! time steps.
 
 use kinematics::{FourWheelGeometry, Platform, Rollers};
 
