@@ -294,11 +294,12 @@ fn a_gyro_that_is_not_there_does_not_keep_a_robot_from_driving(robots: &Backend)
 }
 
 /// `calibrate --phase --gyro robot`, with nothing plugged in: an index for each wheel, smart drives
-/// and the gyro on the board. The bounds are those of `master/tests/phase.rs`, whose robot it is
-/// but for the drives: four deviations of the gyro's noise and of the headings' steps, and a
-/// thousandth of a pitch.
+/// and the gyro on the board. The robot is that of `master/tests/phase.rs` but for its drives, and
+/// so is the bound, 0.19 degrees: four deviations of the gyro's noise and of the headings' steps,
+/// and a thousandth of a pitch. The drives add what the count at an index is off at the rims'
+/// fastest, 1.8 rad/s: 7 counts, 0.017 degrees.
 fn the_gyro_shows_how_the_rollers_stand(robots: &Backend) {
-    const BOUND_DEG: f64 = 0.26;
+    const BOUND_DEG: f64 = 0.19 + 0.017;
     for seed in 1..=SEEDS {
         let mut group = common::group("single-rollers");
         group.simulation.seed = seed;

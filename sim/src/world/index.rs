@@ -99,8 +99,8 @@ impl Indexes {
         }
     }
 
-    /// Follows a wheel to an angle (rad) in a span of time (ns) while its encoder has come to another
-    /// angle: when the last pulse began, if one did.
+    /// Follows a wheel to an angle (rad) in a span of time (ns) while its encoder has come to
+    /// another angle: when the last pulse began, if one did.
     pub fn follow(
         &mut self,
         wheel: usize,

@@ -301,7 +301,7 @@ impl EmulatedRobot {
         Ok(())
     }
 
-    /// Raises the pins of the index pulses, each at its time, between the events of the drives' bus.
+    /// Raises the pins of the index pulses, each at its time between the events of the drives' bus.
     fn pulse_beside_drives(&mut self) -> Result<(), SimError> {
         let pulses = std::mem::take(&mut self.pending_index).into_iter();
         let mut pulses: Vec<_> = pulses.enumerate().filter(|(_, p)| p.is_some()).collect();
