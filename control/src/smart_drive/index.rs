@@ -104,8 +104,8 @@ mod tests {
     /// Of one run.
     const TICKS: u32 = 1_000;
 
-    /// A wheel that goes by `v` (m/s) at first and by `a` (m/s2) faster every second. Its drive has a
-    /// clock of its own and reports through frames of any length, which now and then wait for a
+    /// A wheel that goes by `v` (m/s) at first and by `a` (m/s2) faster every second. Its drive has
+    /// a clock of its own and reports through frames of any length, which now and then wait for a
     /// tick; edges come at any time. The largest error of the counts at the edges.
     fn worst(v: f64, a: f64) -> f64 {
         let position = |us: f64| {
