@@ -1,8 +1,8 @@
 //! How full the bus will be, calculated from the frames of the protocol.
 //!
 //! In every SYNC period go SYNC, the group twist, and from each robot its status, measured twist,
-//! pose and wheel rates, and the yaw rate of one with a gyro; besides, heartbeats. A base frame of n
-//! bytes takes 44 + 8n bits and 3 between frames; stuffing adds from nothing to (34 + 8n - 1) / 4
+//! pose and wheel rates, and the yaw rate of one with a gyro; besides, heartbeats. A base frame of
+//! n bytes takes 44 + 8n bits and 3 between frames; stuffing adds from nothing to (34 + 8n - 1) / 4
 //! bits, by its data (ISO 11898-1).
 //! Parameters, emergency messages and node management come on top and are not counted: they are
 //! rare while a group moves. How full it *is* a [`Meter`] says, which is shown every frame.
