@@ -36,10 +36,10 @@ pub(super) fn output_stage(
 /// the wheels what the counts of two indexes are off at the highest rate.
 pub(super) fn index_tolerance(parameters: &Parameters) -> u16 {
     let [low, high, ..] = parameters.unsigned(at::INDEX_TOLERANCE).to_le_bytes();
-    let told = u16::from_le_bytes([low, high]);
+    let configured = u16::from_le_bytes([low, high]);
     let stage = OutputStage::from_number(parameters.unsigned(at::OUTPUT_STAGE));
     if stage.smart_drive().is_none() {
-        return told;
+        return configured;
     }
     let turns = parameters.real(at::WHEEL_RATE_MAX) * parameters.real(at::GEAR_RATIO)
         / core::f32::consts::TAU;
@@ -49,7 +49,7 @@ pub(super) fn index_tolerance(parameters: &Parameters) -> u16 {
         reason = "positive, and a cast saturates"
     )]
     let error = (2.0 * index_error(turns * f32::from(frames::COUNTS))) as u16;
-    told.saturating_add(error)
+    configured.saturating_add(error)
 }
 
 /// The smart drives, where they turn the wheels: every wheel has one, they can give the largest

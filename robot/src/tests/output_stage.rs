@@ -494,12 +494,12 @@ fn smart_drives_are_refused_without_what_they_need() {
 fn two_indexes_of_a_smart_drive_may_differ_by_what_their_counts_are_off() {
     let tolerance = |parameters: &[_]| {
         let mut world = world_with(parameters);
-        let told = [
+        let wanted = [
             (rollers::count(0), Value::U8(8)),
             (at::ROLLER_REFERENCE, Value::U8(1)),
             (at::INDEX_TOLERANCE, Value::U16(80)),
         ];
-        for (address, value) in told {
+        for (address, value) in wanted {
             world.write(2, address, value).unwrap();
         }
         let parameters = world.robots[0].bus.parameters();
