@@ -127,12 +127,15 @@ impl Control {
     #[inline(always)]
     fn tick(&mut self, begin: Micros) -> Micros {
         let parts = &mut self.parts;
-        // Before the counts, so that no pulse is ahead of them.
-        let index = parts.indexes.pulses();
-        let (encoder_counts, drive_fault) = if DRIVES_ARE_WIRED {
-            parts.drives.read(begin)
+        let (index, encoder_counts, drive_fault) = if DRIVES_ARE_WIRED {
+            let (counts, fault) = parts.drives.read(begin);
+            let edges = parts.indexes.edges();
+            let index = edges.map(|edges| parts.drives.index_pulses(&edges, begin));
+            (index, counts, fault)
         } else {
-            (parts.encoders.counts(), None)
+            // Before the counts, so that no pulse is ahead of them.
+            let index = parts.indexes.pulses();
+            (index, parts.encoders.counts(), None)
         };
         // A bench image reports its drivers as faulty, so an NMT start is refused.
         let line = parts.lines.driver_fault() || cfg!(feature = "bench");

@@ -8,12 +8,18 @@ mod common;
 use emulator::{Firmware, GyroDefect};
 use group::{GroupFile, Plant};
 use kinematics::Twist;
+use omnibus::commission::calibrate::journal::Journal;
+use omnibus::commission::calibrate::recorded_motions::Source;
+use omnibus::commission::calibrate::rollers;
 use omnibus::session::Group;
 use omnibus::simulation::link::SimLink;
 use protocol::{Address, Code, GyroState, Kind, Limit, RobotReport, Value, address as at};
 use sim::{Backend, Options, World};
 
 const NODE: u8 = 2;
+
+/// Seeds of the rollers and indexes of which the phases are looked for.
+const SEEDS: u64 = 3;
 
 /// A count of the sensor, rad/s: 1 / 16.384 degrees/s (BST-BMI088-DS001-13, 5.5.4).
 const COUNT: f64 = 0.001_065_264_4;
@@ -34,6 +40,7 @@ tests! { board_c:
     a_gyro_that_is_not_there_does_not_keep_a_robot_from_driving
     a_pdo_carries_the_yaw_rate_while_the_wheels_slip
     a_pdo_says_that_a_gyro_is_not_used
+    the_gyro_shows_how_the_rollers_stand
 }
 
 tests! { native:
@@ -42,6 +49,7 @@ tests! { native:
     a_gyro_that_is_not_there_does_not_keep_a_robot_from_driving
     a_pdo_carries_the_yaw_rate_while_the_wheels_slip
     a_pdo_says_that_a_gyro_is_not_used
+    the_gyro_shows_how_the_rollers_stand
 }
 
 fn board_c() -> Backend {
@@ -282,5 +290,34 @@ fn a_gyro_that_is_not_there_does_not_keep_a_robot_from_driving(robots: &Backend)
         let x = session.link().world.truth().group.x;
         assert!(x > 0.4, "{defect:?}: {x} m");
         assert_eq!(code(&mut session), Code::Limit(Limit::Gyro), "{defect:?}");
+    }
+}
+
+/// `calibrate --phase --gyro robot`, with nothing plugged in: an index for each wheel, smart drives
+/// and the gyro on the board. The robot is that of `master/tests/phase.rs` but for its drives, and
+/// so is the bound, 0.19 degrees: four deviations of the gyro's noise and of the headings' steps,
+/// and a thousandth of a pitch. The drives add what the count at an index is off at the rims'
+/// fastest, 1.8 rad/s: 7 counts, 0.017 degrees.
+fn the_gyro_shows_how_the_rollers_stand(robots: &Backend) {
+    const BOUND_DEG: f64 = 0.19 + 0.017;
+    for seed in 1..=SEEDS {
+        let mut group = common::group("single-rollers");
+        group.simulation.seed = seed;
+        group.robots[0].board = group::Board::RobomasterC;
+        common::fit_smart_drives(&mut group.robots[0]);
+        let truth = sim::index::roller_phases(&group).unwrap()[0];
+        let group = rollers::without_phases(&group, 8).unwrap();
+        let mut link = link(&group, robots);
+        let mut session = Group::connect(&mut link, &group).unwrap();
+        let journal = &mut Journal::new(|_| {});
+        let found = rollers::find(&mut session, 2, &mut Source::Board, journal).unwrap();
+        let errors = [0, 1, 2, 3].map(|wheel: usize| {
+            let error = (found[0].found.phases[wheel] - truth[wheel]).to_degrees();
+            error - (error / 45.0).round() * 45.0
+        });
+        println!("seed {seed}: phases off by {errors:.3?} degrees");
+        for error in errors {
+            assert!(error.abs() < BOUND_DEG, "seed {seed}: {errors:?}");
+        }
     }
 }

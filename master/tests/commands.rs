@@ -498,6 +498,7 @@ fn wrong_usage_is_exit_code_2_and_json_where_asked_for() {
             "--wheels-free",
         ),
         (&["bus-load", "--robots", "200"], "between 1 and 16"),
+        (&["bus-load", "--robots", "1", "--gyros", "2"], "1 robots"),
         (&["reset", "--node", "1", "--bus", BUS], "2 to 17"),
     ];
     for (arguments, part) in cases {

@@ -213,7 +213,7 @@ fn a_gyro_shows_the_phases() {
 }
 
 /// Nothing is plugged in: the gyro is that of the board, and comes over the bus as headings, which
-/// have steps of their own. Native robots have both an index and this gyro. Of 12 intervals the
+/// have steps of their own. Board C has both, emulated in `tests/gyro.rs`. Of 12 intervals the
 /// truth is outside of 4 or more once in 450 times.
 #[test]
 fn the_gyro_on_a_board_shows_the_phases() {

@@ -251,11 +251,10 @@ fn rollers(parameters: &Parameters) -> Result<Option<RollerConfiguration>, Confi
         .map_err(|_| ConfigurationError::Inconsistent(rollers::count(wheel)))
     };
     let wheels = [one(0)?, one(1)?, one(2)?, one(3)?];
-    let [tolerance, high, ..] = parameters.unsigned(at::INDEX_TOLERANCE).to_le_bytes();
     let configuration = RollerConfiguration::new(
         wheels,
         parameters.unsigned(at::ROLLER_REFERENCE) == 1,
-        u16::from_le_bytes([tolerance, high]),
+        wheel_drives::index_tolerance(parameters),
     );
     Ok((!configuration.is_ideal()).then_some(configuration))
 }

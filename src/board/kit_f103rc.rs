@@ -46,7 +46,7 @@ pub const WIRING: Wiring = Wiring {
     },
     // TIM1 partial, TIM2 partial 1, TIM3 partial, CAN on port B, SWD without JTAG (9.4.2).
     remap: 0b01 << 6 | 0b01 << 8 | 0b10 << 10 | 0b10 << 13 | 0b010 << 24,
-    pwm: pins(["PC6", "PA11", "PC8", "PB0"]),
+    pwm: Some(pins(["PC6", "PA11", "PC8", "PB0"])),
     second_pwm: Some(pins(["PC7", "PA8", "PC9", "PB1"])),
     channels: [
         [tim8(1), tim8(2)],

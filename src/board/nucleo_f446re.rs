@@ -26,8 +26,8 @@
 //!
 //! With the feature `drives-c620` the wheels are turned by C620 or C610 drives on CAN2: PB5
 //! receives, PB6 transmits, through a transceiver of their own. These pins are a direction's
-//! opposite and an encoder's otherwise, so an image has one or the other. Opposites, encoders and
-//! indexes are not used then; PWM and directions stay low.
+//! opposite and an encoder's otherwise, so an image has one or the other. Opposites and encoders
+//! are not used then, indexes are; PWM and directions stay low.
 //!
 //! # Two PWMs a wheel
 //!
@@ -78,7 +78,6 @@ pub const WIRING: Wiring = Wiring {
 pub const WIRING: Wiring = Wiring {
     inverse: None,
     encoders: [None; 4],
-    index: None,
     drives: Some(Can {
         receive: pin("PB5"),
         transmit: pin("PB6"),
@@ -98,7 +97,7 @@ const BRIDGES: Wiring = Wiring {
     },
     remap: 0,
     channels: IN_ORDER,
-    pwm: pins(["PA8", "PA9", "PA10", "PA11"]),
+    pwm: Some(pins(["PA8", "PA9", "PA10", "PA11"])),
     second_pwm: None,
     direction: Some(pins(["PC0", "PC1", "PC2", "PC3"])),
     inverse: Some(pins(["PB2", "PB4", "PB5", "PD2"])),

@@ -53,7 +53,7 @@ pub const WIRING: Wiring = Wiring {
     },
     remap: 0,
     channels: IN_ORDER,
-    pwm: pins(["PC0", "PC1", "PC2", "PC3"]),
+    pwm: Some(pins(["PC0", "PC1", "PC2", "PC3"])),
     second_pwm: None,
     direction: Some(pins(["PA8", "PA9", "PA10", "PB9"])),
     inverse: Some(pins(["PB2", "PB4", "PB5", "PD2"])),

@@ -5,8 +5,7 @@
 //!
 //! | function | peripheral | pins |
 //! |---|---|---|
-//! | PWM front left, front right, rear left, rear right | TIM1 CH1..4 | PE9 PE11 PE13 PE14, the PWM header |
-//! | direction, same order; high rolls the base forward | GPIO | PC6 PI6 PI7 (PWM header), PF1 (I2C2) |
+//! | index front left, front right, rear left, rear right; a rising edge once a turn of the wheel | EXTI lines 9 11 13 14 | PE9 PE11 PE13 PE14, the first four of the PWM header |
 //! | CAN of the group | CAN1 | PD0 receive, PD1 transmit |
 //! | smart drives, on a CAN of their own | CAN2 | PB5 receive, PB6 transmit |
 //! | driver enable, high is enabled | TIM8 CH2N | PB14 (SPI2 MISO) |
@@ -20,8 +19,9 @@
 //! | LED, green | GPIO | PH11 |
 //!
 //! The wheels are turned by C620 or C610 drives on CAN2, through the board's own transceiver: its
-//! feature selects `drives-c620`. The gyro is one on the board: its z axis points up where the
-//! board lies with its connectors up, and nothing else is handled.
+//! feature selects `drives-c620`. There is no PWM, and the PWM header takes the indexes: each of
+//! its plugs has ground and 5 V for a sensor beside the signal. The gyro is one on the board: its z
+//! axis points up where the board lies with its connectors up, and nothing else is handled.
 //!
 //! # Limits
 //!
@@ -29,19 +29,23 @@
 //! - **Encoders**: TIM2 to TIM5 need channels 1 and 2 of one timer. TIM5 has them on the LEDs
 //!   (PH10, PH11), TIM4 one on CAN2 (PB6), TIM3 and TIM2 theirs on the inertial sensor (PB4, PA7,
 //!   PB3) and the key (PA0); PC6 and PI6 are TIM8, whose other channels are driver enable and
-//!   brake. The counts do not change, and a robot that is commanded to move is cut as if its
-//!   encoders were broken.
-//! - **Break input of TIM8**: PA6 and PI4 are not brought out. The emergency stop cuts the PWM in
-//!   hardware, and driver enable and brake with the next control tick.
-//! - Encoder index, current sensors, switches for the node-ID: it is 2, or what LSS has stored.
+//!   brake. So the board has smart drives only.
+//! - **Break input of TIM8**: PA6 and PI4 are not brought out. The emergency stop cuts driver
+//!   enable and brake with the next control tick.
+//! - Current sensors, switches for the node-ID: it is 2, or what LSS has stored.
 //!
 //! # Sources
 //!
 //! The vendor's own configuration, `20.standard_robot/standard_robot.ioc` and
 //! `5.servo_motor/servo_motor.ioc` of RoboMaster/Development-Board-C-Examples at bd594e1 (pins, 12
 //! MHz crystal, PLL 6 and 168; SPI1 with CS1_GYRO and CS1_ACCEL); RM0090 (chip); DS8626 (alternate
-//! functions). Its `18.ins_task` turns the sensor's axes about z alone, so z points up. The
-//! connectors of SPI2 and I2C2 have not been determined.
+//! functions). Its `18.ins_task` turns the sensor's axes about z alone, so z points up.
+//!
+//! `supported-devices/rm-dev-board-c.xml` of uw-advanced-robotics/taproot at 18f15a1 has the four
+//! pins of the indexes as C1 to C4 of the header, as general inputs or outputs with a timer (not as
+//! outputs, which it tells apart), and SPI2 (PB12 to PB15) and I2C2 (PF0, PF1) as such, too; by
+//! `bsp/spi/bsp_spi.h` of HNUYueLuRM/basic_framework at 12796f8 SPI2 is on the connector with 8
+//! pins. A schematic was not at hand: measure that a level at the header reaches the pin.
 
 use super::stm32::pin::{pin, pins};
 use super::stm32::wiring::{Analog, Can, Clocks, Gyro, IN_ORDER, Wiring};
@@ -57,12 +61,12 @@ pub const WIRING: Wiring = Wiring {
     },
     remap: 0,
     channels: IN_ORDER,
-    pwm: pins(["PE9", "PE11", "PE13", "PE14"]),
+    pwm: None,
     second_pwm: None,
-    direction: Some(pins(["PC6", "PI6", "PI7", "PF1"])),
+    direction: None,
     inverse: None,
     encoders: [None; 4],
-    index: None,
+    index: Some(pins(["PE9", "PE11", "PE13", "PE14"])),
     can: Can {
         receive: pin("PD0"),
         transmit: pin("PD1"),

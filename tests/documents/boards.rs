@@ -191,7 +191,7 @@ fn interrupt_priorities_are_those_of_the_code() {
     const NAMES: [(&str, &[&str]); 8] = [
         ("PVD", &["PVD"]),
         ("TIM9", &["TIM1_BRK_TIM9"]),
-        ("EXTI15_10", &["EXTI15_10"]),
+        ("EXTI9_5", &["EXTI9_5", "EXTI15_10"]),
         ("CAN1 receive", &["CAN1_RX0"]),
         ("CAN1 transmit", &["CAN1_TX", "CAN1_SCE"]),
         ("TIM7", &["TIM7"]),

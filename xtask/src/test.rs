@@ -55,10 +55,11 @@ pub fn run(board: Board, rest: &[String]) -> anyhow::Result<()> {
 const KIT_TESTS: [&str; 3] = ["emulated", "storage", "without_fpu"];
 
 /// The tests of whole robots that have a part for Board C.
-const BOARD_C_TESTS: [&str; 6] = [
+const BOARD_C_TESTS: [&str; 7] = [
     "emulated",
     "smart_drives",
     "gyro",
+    "index",
     "group_rules",
     "storage",
     "update_bus",

@@ -192,6 +192,12 @@ impl RollerConfiguration {
         self.index
     }
 
+    /// Counts by which an index may be off.
+    #[must_use]
+    pub const fn tolerance(&self) -> i32 {
+        self.tolerance
+    }
+
     /// Whether all wheels have ideal rollers, so that no phase is needed.
     #[must_use]
     pub fn is_ideal(&self) -> bool {

@@ -27,9 +27,11 @@
 //! # Interface
 //!
 //! The receive interrupt calls [`Drives::on_frame`] with each frame, and the tick calls
-//! [`Drives::counts`] and [`Drives::fault`].
+//! [`Drives::counts`] and [`Drives::fault`], and where wheels have an index
+//! [`Drives::index_pulses`](index).
 
 pub mod frames;
+pub mod index;
 
 use protocol::Fault;
 
@@ -116,13 +118,18 @@ impl Seen {
     }
 
     /// The count at a time shortly after the last report.
+    fn count_at(&self, now: Micros) -> u16 {
+        self.count_after(self.age_us(now).unwrap_or(0) as f32)
+    }
+
+    /// The count so long after the last report, us, or before it.
     #[expect(
         clippy::cast_possible_truncation,
         reason = "at most 32 767 rpm for three milliseconds: 13 422 counts"
     )]
-    fn count_at(&self, now: Micros) -> u16 {
-        let age_us = self.age_us(now).unwrap_or(0).min(SILENT_US) as f32;
-        let ahead = f32::from(self.rpm) * age_us * COUNTS_PER_RPM_US;
+    fn count_after(&self, us: f32) -> u16 {
+        const LONGEST: f32 = SILENT_US as f32;
+        let ahead = f32::from(self.rpm) * us.clamp(-LONGEST, LONGEST) * COUNTS_PER_RPM_US;
         self.count.wrapping_add((ahead as i16).cast_unsigned())
     }
 }

@@ -1,9 +1,9 @@
 //! How full the bus will be, calculated from the frames of the protocol.
 //!
 //! In every SYNC period go SYNC, the group twist, and from each robot its status, measured twist,
-//! pose and wheel rates; besides, heartbeats. The yaw rate of a robot with a gyro is left out: 0.9
-//! to 1.05 % at 100 Hz. A base frame of n bytes takes 44 + 8n bits and 3 between frames; stuffing
-//! adds from nothing to (34 + 8n - 1) / 4 bits, by its data (ISO 11898-1).
+//! pose and wheel rates, and the yaw rate of one with a gyro; besides, heartbeats. A base frame of
+//! n bytes takes 44 + 8n bits and 3 between frames; stuffing adds from nothing to (34 + 8n - 1) / 4
+//! bits, by its data (ISO 11898-1).
 //! Parameters, emergency messages and node management come on top and are not counted: they are
 //! rare while a group moves. How full it *is* a [`Meter`] says, which is shown every frame.
 
@@ -65,9 +65,10 @@ impl Traffic {
     }
 }
 
-/// The load of a bus with `robots` robots and `rate_hz` SYNCs per second.
+/// The load of a bus with `robots` robots, of which `gyros` have one, and `rate_hz` SYNCs per
+/// second.
 #[must_use]
-pub fn traffic(robots: u8, rate_hz: f64) -> Vec<Traffic> {
+pub fn traffic(robots: u8, gyros: u8, rate_hz: f64) -> Vec<Traffic> {
     let each = rate_hz * f64::from(robots);
     let line = |name, bytes, rate_hz| Traffic {
         name,
@@ -99,7 +100,7 @@ pub fn traffic(robots: u8, rate_hz: f64) -> Vec<Traffic> {
     let rates = WheelRateReport {
         rates: kinematics::WheelRates::ZERO,
     };
-    vec![
+    let mut all = vec![
         line("SYNC", 1, rate_hz),
         line("group twist", setpoint.encode().len(), rate_hz),
         line("member status", status.encode().len(), each),
@@ -107,7 +108,13 @@ pub fn traffic(robots: u8, rate_hz: f64) -> Vec<Traffic> {
         line("pose", pose.encode().len(), each),
         line("wheel rates", rates.encode().len(), each),
         line("heartbeats", 1, HEARTBEATS * f64::from(robots + 1)),
-    ]
+    ];
+    if gyros > 0 {
+        // State of the gyro and its rate, objects 0x2132:1 and :2.
+        let bytes = size_of::<u8>() + size_of::<f32>();
+        all.push(line("yaw rate", bytes, rate_hz * f64::from(gyros)));
+    }
+    all
 }
 
 /// Share of the bus of all of it together.
@@ -173,10 +180,14 @@ mod tests {
     /// byte a second.
     #[test]
     fn three_robots_at_100_hz() {
-        let load = total(&traffic(3, 100.0));
+        let load = total(&traffic(3, 0, 100.0));
         let plain = (13.0 * 111.0 + 55.0) * 100.0 + 40.0 * 55.0;
         assert!((load.none - plain / 1e6).abs() < 1e-9, "{load:?}");
         let stuffed = (13.0 * 135.0 + 65.0) * 100.0 + 40.0 * 65.0;
         assert!((load.most - stuffed / 1e6).abs() < 1e-9, "{load:?}");
+        // Two of them with a gyro, 5 bytes: 84 bits and 3, at most 18 stuffed.
+        let more = total(&traffic(3, 2, 100.0));
+        assert!((more.none - load.none - 200.0 * 87.0 / 1e6).abs() < 1e-9);
+        assert!((more.most - load.most - 200.0 * 105.0 / 1e6).abs() < 1e-9);
     }
 }

@@ -7,6 +7,7 @@ use super::{json, output, print_json, print_line};
 
 const EXAMPLES: &str = "Examples:
   omnibus bus-load --robots 8
+  omnibus bus-load --robots 8 --gyros 2
   omnibus bus-load --robots 16 --rate 50 --json";
 
 #[derive(clap::Args)]
@@ -15,6 +16,9 @@ pub struct Arguments {
     /// Number of robots on the bus.
     #[arg(long)]
     robots: u8,
+    /// Number of robots with a gyro, which send their yaw rate.
+    #[arg(long, default_value_t = 0)]
+    gyros: u8,
     /// Number of SYNCs per second.
     #[arg(long, default_value_t = 100.0, value_name = "HZ", value_parser = super::real::<f64>)]
     rate: f64,
@@ -27,10 +31,16 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             "--robots: {robots} is not between 1 and 16, which is what one bus has node ids for"
         );
     }
+    if arguments.gyros > robots {
+        usage!(
+            "--gyros: {} is more than the {robots} robots",
+            arguments.gyros
+        );
+    }
     if !(10.0..=500.0).contains(&rate) {
         usage!("--rate: {rate} Hz is not between 10 and 500 Hz (object 2041:1)");
     }
-    let traffic = traffic(robots, rate);
+    let traffic = traffic(robots, arguments.gyros, rate);
     let total = total(&traffic);
     if json() {
         let lines = traffic.iter().map(|line| {
@@ -39,8 +49,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
                    "least_percent": percent(share.none), "most_percent": percent(share.most)})
         });
         let lines: Vec<_> = lines.collect();
-        return print_json(&json!({"robots": robots, "rate_hz": rate, "frames": lines,
-            "least_percent": percent(total.none), "most_percent": percent(total.most)}));
+        return print_json(
+            &json!({"robots": robots, "gyros": arguments.gyros, "rate_hz": rate, "frames": lines,
+            "least_percent": percent(total.none), "most_percent": percent(total.most)}),
+        );
     }
     let mut table = output::table(["frame", "bytes", "per second", "share of 1 Mbit/s"]);
     let range =

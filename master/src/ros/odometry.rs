@@ -24,8 +24,11 @@ const LATERAL: f64 = 0.01;
 const YAW: f64 = 0.01;
 /// What a gyro's scale is off, as a share of the yaw rate: an assumption, as those above are.
 const GYRO_SCALE: f64 = 0.01;
-/// Density of a gyro's noise, rad/s in 1 Hz, which also is what a bias is off that was learned in a
-/// second of rest: 0.014 degrees/s, an assumption for sensors like the BMI088.
+/// What a gyro's rate is off in a second, and its bias after a second of rest, rad/s each. Public
+/// programs quote the BMI088's noise density as 0.014 degrees/s/sqrt(Hz); its data sheet's table
+/// was not at hand. The mean of a second of such noise deviates by 0.014 / sqrt(2), 0.010
+/// degrees/s; what is left, 0.010 as well, is for the drift of the zero between rest and motion:
+/// an assumption.
 const GYRO_NOISE: f64 = 0.014 * std::f64::consts::PI / 180.0;
 /// How long an error of the velocity lasts, s: slip is that of a motion, not of a step.
 const PERSISTS: f64 = 1.0;

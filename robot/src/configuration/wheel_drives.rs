@@ -1,6 +1,7 @@
 //! What turns the wheels: kind of bridges, smart drives.
 
 use control::output_stage::OutputStage;
+use control::smart_drive::index::index_error;
 use control::smart_drive::{DriveConfiguration, frames};
 use protocol::{Address, address as at};
 
@@ -29,6 +30,26 @@ pub(super) fn output_stage(
         return bad(at::DUTY_MAX);
     }
     Ok(stage)
+}
+
+/// Counts by which an index may be off: what the robot has been told, and where smart drives turn
+/// the wheels what the counts of two indexes are off at the highest rate.
+pub(super) fn index_tolerance(parameters: &Parameters) -> u16 {
+    let [low, high, ..] = parameters.unsigned(at::INDEX_TOLERANCE).to_le_bytes();
+    let configured = u16::from_le_bytes([low, high]);
+    let stage = OutputStage::from_number(parameters.unsigned(at::OUTPUT_STAGE));
+    if stage.smart_drive().is_none() {
+        return configured;
+    }
+    let turns = parameters.real(at::WHEEL_RATE_MAX) * parameters.real(at::GEAR_RATIO)
+        / core::f32::consts::TAU;
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "positive, and a cast saturates"
+    )]
+    let error = (2.0 * index_error(turns * f32::from(frames::COUNTS))) as u16;
+    configured.saturating_add(error)
 }
 
 /// The smart drives, where they turn the wheels: every wheel has one, they can give the largest

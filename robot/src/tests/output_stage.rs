@@ -2,13 +2,15 @@
 //! refuses.
 
 use kinematics::Twist;
-use protocol::address::{self as at, motor};
+use protocol::address::{self as at, motor, rollers};
 use protocol::{Address, Fault, Limit, Value};
 
 use super::world::{SPEED, SUPPLY, World};
+use crate::configuration::build;
 use crate::state::State;
 use control::interface::Outputs;
 use control::quantity::InputVoltage;
+use control::smart_drive::index::index_error;
 
 const FORWARD: Twist = Twist::new(0.6, 0.0, 0.0);
 /// Of a motor of these tests.
@@ -484,6 +486,40 @@ fn smart_drives_are_refused_without_what_they_need() {
         let status = world.read(2, at::CONFIGURATION_STATUS);
         assert_eq!(status, Ok(blamed.packed() << 8 | 2), "{changed:?}");
     }
+}
+
+/// The counts of an index come from a report and a time: two of them may be off by more the faster
+/// the wheel may turn, beside the play that a robot is told.
+#[test]
+fn two_indexes_of_a_smart_drive_may_differ_by_what_their_counts_are_off() {
+    let tolerance = |parameters: &[_]| {
+        let mut world = world_with(parameters);
+        let wanted = [
+            (rollers::count(0), Value::U8(8)),
+            (at::ROLLER_REFERENCE, Value::U8(1)),
+            (at::INDEX_TOLERANCE, Value::U16(80)),
+        ];
+        for (address, value) in wanted {
+            world.write(2, address, value).unwrap();
+        }
+        let parameters = world.robots[0].bus.parameters();
+        let configuration = build(parameters, 2, u8::MAX).unwrap();
+        let rolling = configuration.drivetrain.rolling().unwrap();
+        (
+            rolling.rollers().tolerance(),
+            parameters.real(at::WHEEL_RATE_MAX),
+        )
+    };
+    let (with_counters, _) = tolerance(&[]);
+    assert_eq!(with_counters, 64, "a 64th of a turn of 4096 counts");
+    let (with_drives, rate) = tolerance(&smart(&[]));
+    let counts_per_rad = 8192.0 * 3591.0 / 187.0 / core::f32::consts::TAU;
+    let error = index_error(rate * counts_per_rad);
+    assert!(error > 20.0, "{error} counts at {rate} rad/s");
+    assert!(
+        (with_drives as f32 - 80.0 - 2.0 * error).abs() <= 1.0,
+        "{with_drives}"
+    );
 }
 
 /// Fixed point has less room than the object dictionary (docs/numbers.md); what does not fit is

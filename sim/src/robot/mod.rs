@@ -19,6 +19,7 @@ use crate::encoder::wires::Edge;
 use crate::error::SimError;
 use crate::motor::Bridge;
 use crate::smart_drive::DriveChange;
+use crate::world::index::Pulse;
 
 /// When a robot next does something by itself.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -158,10 +159,9 @@ pub trait Robot: Send {
         false
     }
 
-    /// The index of a wheel's encoder has pulsed, this many counts before where the encoder stands
-    /// now.
-    fn index(&mut self, wheel: usize, ago: i32) {
-        let _ = (wheel, ago);
+    /// The index of a wheel has pulsed.
+    fn index(&mut self, wheel: usize, pulse: Pulse) {
+        let _ = (wheel, pulse);
     }
 
     /// Presses or releases the emergency stop.

@@ -328,6 +328,7 @@ impl NativeRobot {
         self.live.outputs = if let Some((_, drives)) = &mut self.smart {
             let (counts, fault) = drives.read(now);
             inputs.encoder_counts = counts;
+            inputs.index = Some(drives.index_pulses(now));
             inputs.drive_fault = inputs.drive_fault.or(fault);
             let outputs = control.tick_current(now, &command, &inputs, drives.temperature());
             drives.send(outputs.given(), outputs.drivers_enabled);

@@ -32,6 +32,15 @@ pub enum IndexState {
     Noisy,
 }
 
+/// A pulse that has begun.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Pulse {
+    /// Counts by which the encoder has gone on since.
+    pub counts_ago: i32,
+    /// World time at which it began, ns.
+    pub at_ns: u64,
+}
+
 /// The four indexes of a robot.
 #[derive(Debug, Clone)]
 pub struct Indexes {
@@ -90,14 +99,24 @@ impl Indexes {
         }
     }
 
-    /// Follows a wheel to an angle (rad) while its encoder has come to another: how many counts ago
-    /// the last pulse began, if one did.
-    pub fn follow(&mut self, wheel: usize, angle: f64, encoder: f64) -> Option<i32> {
+    /// Follows a wheel to an angle (rad) in a span of time (ns) while its encoder has come to
+    /// another angle: when the last pulse began, if one did.
+    pub fn follow(
+        &mut self,
+        wheel: usize,
+        angle: f64,
+        encoder: f64,
+        (begin_ns, end_ns): (u64, u64),
+    ) -> Option<Pulse> {
         let from = std::mem::replace(&mut self.angles[wheel], angle);
         let at = self.passed(wheel, from, angle)?;
         // Where the encoder stood then: the two move together while the wheel moves.
         let count = |angle: f64| (angle * self.counts_per_rad).floor() as i64;
-        Some((count(encoder) - count(encoder - (angle - at))) as i32)
+        let share = (angle - at) / (angle - from);
+        Some(Pulse {
+            counts_ago: (count(encoder) - count(encoder - (angle - at))) as i32,
+            at_ns: end_ns - (share * (end_ns - begin_ns) as f64) as u64,
+        })
     }
 
     /// The wheel went from one angle to another: where the last pulse began, if one did.
@@ -171,17 +190,16 @@ mod tests {
         let mut works = indexes(IndexState::Works);
         let rad = TAU / TURN;
         let (at, play) = (TAU / 4.0, 10.2 * rad);
-        assert_eq!(works.follow(0, at - rad, at - rad + play), None);
+        let mut to = |counts: f64, play: f64, span| {
+            let angle = at + counts * rad;
+            let pulse = works.follow(0, angle, angle + play, span)?;
+            Some((pulse.counts_ago, pulse.at_ns))
+        };
+        assert_eq!(to(-1.0, play, (0, 1_000)), None);
         // Three counts on, of which the pulse was after the first.
-        assert_eq!(
-            works.follow(0, at + 2.0 * rad, at + 2.0 * rad + play),
-            Some(2)
-        );
+        assert_eq!(to(2.0, play, (1_000, 4_000)), Some((2, 2_000)));
         // 1e-6 before the count: the same place from the other side, with the play behind.
-        assert_eq!(
-            works.follow(0, at - 3.0 * rad, at - 3.0 * rad - play),
-            Some(-3)
-        );
+        assert_eq!(to(-3.0, -play, (4_000, 9_000)), Some((-3, 6_000)));
     }
 
     #[test]

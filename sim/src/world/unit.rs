@@ -267,7 +267,7 @@ impl Unit {
             self.wheels[wheel] = self.wheels[wheel].clamp(play.0, play.1);
             let angle = angle + self.slipped[wheel];
             let turned = self.wheels[wheel] + self.slipped[wheel];
-            pulses[wheel] = self.indexes.follow(wheel, turned, angle);
+            pulses[wheel] = self.indexes.follow(wheel, turned, angle, span);
             let angle = self.directions.encoders[wheel] * angle;
             let reported = self.encoders[wheel].follow(angle, span, &mut self.edges);
             if !self.edges.is_empty() && self.robot.encoder_edges(wheel, &self.edges) {
@@ -282,9 +282,9 @@ impl Unit {
         if counts != [0; 4] {
             self.robot.turn_encoders(counts);
         }
-        for (wheel, ago) in pulses.into_iter().enumerate() {
-            if let Some(ago) = ago {
-                self.robot.index(wheel, ago);
+        for (wheel, pulse) in pulses.into_iter().enumerate() {
+            if let Some(pulse) = pulse {
+                self.robot.index(wheel, pulse);
             }
         }
     }

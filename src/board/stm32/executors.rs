@@ -8,7 +8,7 @@
 //! |---|---|---|
 //! | 0 | PVD (supply of the chip) | cuts the outputs and does not return |
 //! | 1 | TIM9 (time), where the chip has it | counts on, wakes the slow tasks; a few microseconds at most |
-//! | 2 | EXTI15_10 (encoder index) | reads the counters at the edge; about 50 instructions, once a wheel and tick at most |
+//! | 2 | EXTI9_5, EXTI15_10 (index of wheels) | read the counters or the time at the edge; about 50 instructions, once a wheel and tick at most |
 //! | 2 | CAN1 receive | takes the time stamp of a frame; must not wait for a control tick |
 //! | 3 | CAN1 transmit, errors | receives what has left of the cable's frames; wakes the bus task |
 //! | 6 | TIM7 (control executor) | the control tick |

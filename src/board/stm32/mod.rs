@@ -81,20 +81,24 @@ fn begin() -> Begun {
 }
 
 /// Outputs that are low from the first instructions on.
-pub const SAFE_OUTPUTS: [Pin; if WIRING.inverse.is_some() { 15 } else { 11 }] = {
+pub const SAFE_OUTPUTS: [Pin; match (WIRING.pwm, WIRING.inverse) {
+    (None, _) => 3,
+    (Some(_), None) => 11,
+    (Some(_), Some(_)) => 15,
+}] = {
     let mut outputs = [WIRING.led; _];
     outputs[1] = WIRING.driver_enable;
     outputs[2] = WIRING.brake_release;
-    let second = match (WIRING.second_pwm, WIRING.direction) {
-        (Some(second), None) | (None, Some(second)) => second,
-        _ => panic!("a wheel has a direction or a second PWM"),
+    let second = match (WIRING.pwm, WIRING.second_pwm, WIRING.direction) {
+        (Some(_), Some(second), None) | (Some(_), None, Some(second)) => Some(second),
+        (None, None, None) => None,
+        _ => panic!("a wheel with PWM has a direction or a second PWM"),
     };
-    let mut at = 0;
-    while at < 4 {
-        outputs[3 + at] = WIRING.pwm[at];
-        outputs[7 + at] = second[at];
-        if let Some(inverse) = WIRING.inverse {
-            outputs[11 + at] = inverse[at];
+    let groups = [WIRING.pwm, second, WIRING.inverse];
+    let mut at = 3;
+    while at < outputs.len() {
+        if let Some(pins) = groups[(at - 3) / 4] {
+            outputs[at] = pins[(at - 3) % 4];
         }
         at += 1;
     }

@@ -142,7 +142,7 @@ impl Outputs {
             }
         }
         let pwm = |function| Role::PeripheralOutput(function, Pull::Down, Speed::Medium);
-        for pin in WIRING.pwm {
+        for pin in WIRING.pwm.into_iter().flatten() {
             pin.become_a(pwm(TIM1_AF));
         }
         for pin in WIRING.second_pwm.into_iter().flatten() {

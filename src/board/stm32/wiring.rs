@@ -20,14 +20,14 @@ pub struct Wiring {
     /// What AFIO_MAPR of an STM32F1 is to hold; an STM32F4 assigns its pins one by one.
     #[cfg_attr(stm32f4, expect(dead_code, reason = "there is no AFIO"))]
     pub remap: u32,
-    /// PWM.
-    pub pwm: [Pin; 4],
+    /// PWM. A board without has smart drives.
+    pub pwm: Option<[Pin; 4]>,
     /// The second PWM, which rolls the base backward. Driver enable and brake are outputs of the
     /// port then.
     pub second_pwm: Option<[Pin; 4]>,
     /// The channels at both; where there is no second PWM, those of TIM1 alone.
     pub channels: [[Channel; 2]; 4],
-    /// Direction, where there is no second PWM; high rolls the base forward.
+    /// Direction, where there is PWM and no second one; high rolls the base forward.
     pub direction: Option<[Pin; 4]>,
     /// The opposite of the direction, for bridges with PWM, IN1 and IN2.
     pub inverse: Option<[Pin; 4]>,
@@ -42,7 +42,7 @@ pub struct Wiring {
     pub gate_stop: Option<Pin>,
     /// Encoders; they count up when the base rolls forward. Without one, the count does not change.
     pub encoders: [Option<Encoder>; 4],
-    /// Encoder index, a rising edge once a turn: pins with different numbers from 10 to 15.
+    /// Index, a rising edge once a turn of the wheel: pins with different numbers from 5 to 15.
     pub index: Option<[Pin; 4]>,
     /// CAN1.
     pub can: Can,

@@ -5,8 +5,10 @@
 
 /// Smart drives.
 pub mod drives {
+    use control::rollers::IndexPulse;
     use control::smart_drive::DriveConfiguration;
     use control::smart_drive::frames::Model;
+    use control::smart_drive::index::IndexEdge;
     use control::time::Micros;
     use protocol::Fault;
 
@@ -26,6 +28,10 @@ pub mod drives {
 
         pub fn read(&self, _now: Micros) -> ([u16; 4], Option<Fault>) {
             ([0; 4], None)
+        }
+
+        pub fn index_pulses(&self, _edges: &[IndexEdge; 4], _now: Micros) -> [IndexPulse; 4] {
+            Default::default()
         }
 
         pub fn temperature(&self) -> u8 {

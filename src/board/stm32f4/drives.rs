@@ -17,8 +17,8 @@
 //!
 //! # Interface
 //!
-//! The control task calls [`Drives::configure`], [`Drives::read`] and [`Drives::send`], and the way
-//! into the safe state [`rest`].
+//! The control task calls [`Drives::configure`], [`Drives::read`], [`Drives::index_pulses`] and
+//! [`Drives::send`], and the way into the safe state [`rest`].
 //!
 //! # Limits
 //!
@@ -29,7 +29,9 @@
 
 use core::cell::RefCell;
 
+use control::rollers::IndexPulse;
 use control::smart_drive::frames::{COMMAND, FIRST_FEEDBACK, Model, command};
+use control::smart_drive::index::IndexEdge;
 use control::smart_drive::{self, DriveConfiguration};
 use control::time::Micros;
 use embassy_stm32::interrupt::{InterruptExt, Priority};
@@ -114,6 +116,11 @@ impl Drives {
                 seen.fault(&self.wheels, now),
             )
         })
+    }
+
+    /// The index pulses of the wheels, from their edges.
+    pub fn index_pulses(&self, edges: &[IndexEdge; 4], now: Micros) -> [IndexPulse; 4] {
+        SEEN.lock(|seen| seen.borrow().index_pulses(&self.wheels, edges, now))
     }
 
     /// The temperature of the hottest motor, degrees Celsius.

@@ -91,9 +91,8 @@ fn is_taken(pin: Pin) -> bool {
 
 /// Whether a power stage may listen to this pin, driver enable and brake release left out.
 pub fn is_of_the_power_stage(pin: Pin) -> bool {
-    let others = [WIRING.direction, WIRING.inverse].into_iter().flatten();
-    let mut all = WIRING.pwm.into_iter().chain(others.flatten());
-    all.any(|other| is(pin, other))
+    let all = [WIRING.pwm, WIRING.direction, WIRING.inverse].into_iter();
+    all.flatten().flatten().any(|other| is(pin, other))
 }
 
 /// Whether it is driver enable or brake release.

@@ -36,6 +36,7 @@ use crate::encoder::wires::Edge;
 use crate::error::SimError;
 use crate::motor::Bridge;
 use crate::smart_drive::DriveBus;
+use crate::world::index::Pulse;
 
 /// How long a counter stands still at an index, so that the program reads it there, ns: a few
 /// hundred instructions.
@@ -77,8 +78,8 @@ pub struct EmulatedRobot {
     pending_edges: Vec<(usize, Edge)>,
     /// Levels of the encoders' wires.
     encoder_levels: [[bool; 2]; 4],
-    /// Counts since an index pulse that the board has not seen yet.
-    pending_index: [Option<i32>; 4],
+    /// Index pulses that the board has not seen yet.
+    pending_index: [Option<Pulse>; 4],
     /// Whether the index pins are high.
     index_high: [bool; 4],
     pending: Option<Frame>,
@@ -266,15 +267,15 @@ impl EmulatedRobot {
                 self.board.set_input(port, pin, false);
             }
         }
-        if self.pending_index != [None; 4] {
-            self.pulse(time_ns)?;
-        }
         if let Some(bus) = &mut self.drive_bus {
             bus.turn(
                 std::mem::take(&mut self.pending_counts),
                 self.rates,
                 time_ns,
             );
+            self.pulse_beside_drives()?;
+        } else if self.pending_index != [None; 4] {
+            self.pulse(time_ns)?;
         }
         for (timer, counts) in self
             .wiring
@@ -300,20 +301,39 @@ impl EmulatedRobot {
         Ok(())
     }
 
+    /// Raises the pins of the index pulses, each at its time between the events of the drives' bus.
+    fn pulse_beside_drives(&mut self) -> Result<(), SimError> {
+        let pulses = std::mem::take(&mut self.pending_index).into_iter();
+        let mut pulses: Vec<_> = pulses.enumerate().filter(|(_, p)| p.is_some()).collect();
+        pulses.sort_by_key(|(_, pulse)| pulse.map(|pulse| pulse.at_ns));
+        for (wheel, pulse) in pulses {
+            let at_ns = pulse.map_or(0, |pulse| pulse.at_ns);
+            self.run_drive_bus(at_ns.max(self.board_now_ns()))?;
+            self.raise_index(wheel);
+        }
+        Ok(())
+    }
+
+    fn raise_index(&mut self, wheel: usize) {
+        if let Some(pins) = self.wiring.index {
+            let (port, pin) = pins[wheel];
+            self.board.set_input(port, pin, true);
+            self.index_high[wheel] = true;
+        }
+    }
+
     /// Brings the counters to where they stood at the index pulses, raises the pins and lets the
     /// board see it.
     fn pulse(&mut self, time_ns: u64) -> Result<(), SimError> {
-        let pins = self.wiring.index.into_iter().flatten();
-        for (wheel, (port, pin)) in pins.enumerate() {
-            let Some(ago) = self.pending_index[wheel].take() else {
+        for wheel in 0..4 {
+            let Some(pulse) = self.pending_index[wheel].take() else {
                 continue;
             };
-            let to_index = self.pending_counts[wheel] - ago;
+            let to_index = self.pending_counts[wheel] - pulse.counts_ago;
             self.board
                 .encoder_add(self.wiring.encoder_timers[wheel], to_index);
-            self.pending_counts[wheel] = ago;
-            self.board.set_input(port, pin, true);
-            self.index_high[wheel] = true;
+            self.pending_counts[wheel] = pulse.counts_ago;
+            self.raise_index(wheel);
         }
         let now_ns = self.born_ns + self.board.now_ns();
         self.advance((now_ns + INDEX_NS).min(time_ns))

@@ -12,6 +12,7 @@ use crate::error::SimError;
 use crate::motor::Bridge;
 use crate::robot::{Crash, LogLine, Robot, Wake, code};
 use crate::smart_drive::{DriveBus, DriveChange};
+use crate::world::index::Pulse;
 
 impl Robot for EmulatedRobot {
     fn run_until(&mut self, time_ns: u64) -> Result<(), SimError> {
@@ -162,9 +163,9 @@ impl Robot for EmulatedRobot {
         true
     }
 
-    fn index(&mut self, wheel: usize, ago: i32) {
+    fn index(&mut self, wheel: usize, pulse: Pulse) {
         if self.powered {
-            self.pending_index[wheel] = Some(ago);
+            self.pending_index[wheel] = Some(pulse);
         }
     }
 

@@ -72,7 +72,7 @@ const IN_ORDER: [[Channel; 2]; 4] = [
     [channel(1, 4), channel(8, 4)],
 ];
 
-use Port::{A, B, C, D, F, I};
+use Port::{A, B, C, D, E, F};
 
 static NUCLEO_F446RE: Wiring = Wiring {
     hse_hz: 8_000_000,
@@ -117,11 +117,11 @@ static NUCLEO_F446RE_TWO_PWMS: Wiring = Wiring {
 static ROBOMASTER_C: Wiring = Wiring {
     hse_hz: 12_000_000,
     channels: IN_ORDER,
-    directions: Some([(C, 6), (I, 6), (I, 7), (F, 1)]),
+    directions: None,
     inverse: None,
     encoder_timers: [2, 3, 4, 5],
     encoders: None,
-    index: None,
+    index: Some([(E, 9), (E, 11), (E, 13), (E, 14)]),
     driver_enable: (B, 14),
     brake_release: (B, 15),
     emergency_stop: &[(B, 12)],

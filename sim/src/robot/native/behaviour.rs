@@ -17,6 +17,7 @@ use crate::motor::Bridge;
 use crate::robot::emulated::SUPPLY_DIVIDER;
 use crate::robot::{LogLine, Robot, Wake};
 use crate::smart_drive::DriveChange;
+use crate::world::index::Pulse;
 
 impl Robot for NativeRobot {
     fn run_until(&mut self, time_ns: u64) -> Result<(), SimError> {
@@ -220,7 +221,11 @@ impl Robot for NativeRobot {
         }
     }
 
-    fn index(&mut self, wheel: usize, ago: i32) {
+    fn index(&mut self, wheel: usize, pulse: Pulse) {
+        let ago = pulse.counts_ago;
+        if let Some((_, drives)) = &mut self.smart {
+            drives.index(wheel, self.live.clock.local(pulse.at_ns));
+        }
         let counts = self.inputs.encoder_counts.get(wheel);
         let pulse = self.inputs.index.as_mut();
         let pulse = pulse.and_then(|pulses| pulses.get_mut(wheel));

@@ -6,7 +6,9 @@
 //! the drives report goes to the control side's own code ([`Drives`]).
 
 use canopen::Frame;
+use control::rollers::IndexPulse;
 use control::smart_drive::frames::{COMMAND, Model, command};
+use control::smart_drive::index::IndexEdge;
 use control::smart_drive::{DriveConfiguration, Drives};
 use control::time::Micros;
 use protocol::Fault;
@@ -53,6 +55,8 @@ pub(super) struct SmartDrives {
     model: Model,
     /// Counts since the last frame.
     counts: [i32; 4],
+    /// The last edges of the wheels' indexes.
+    edges: [IndexEdge; 4],
     /// Rates of the wheels, rad/s.
     pub rates: [f64; 4],
     /// Supply voltage, V.
@@ -69,6 +73,7 @@ impl SmartDrives {
             wheels: DriveConfiguration::DEFAULT,
             model: Model::C620,
             counts: [0; 4],
+            edges: [IndexEdge::default(); 4],
             rates: [0.0; 4],
             supply: robot.motor.supply.into(),
         })
@@ -100,6 +105,19 @@ impl SmartDrives {
         for (sum, counts) in self.counts.iter_mut().zip(counts) {
             *sum += counts;
         }
+    }
+
+    /// The index of a wheel has pulsed at a local time.
+    pub fn index(&mut self, wheel: usize, at: Micros) {
+        if let Some(edge) = self.edges.get_mut(wheel) {
+            edge.number = edge.number.wrapping_add(1);
+            edge.at_us = at.0 as u16;
+        }
+    }
+
+    /// The index pulses of the wheels.
+    pub fn index_pulses(&self, now: Micros) -> [IndexPulse; 4] {
+        self.seen.index_pulses(&self.wheels, &self.edges, now)
     }
 
     pub fn next_event_ns(&self) -> u64 {
