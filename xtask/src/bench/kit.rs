@@ -30,8 +30,12 @@ const TABLES_LOAD_CEILING: f64 = 15.0;
 fn with_tables(mut group: GroupFile) -> GroupFile {
     let table = CompensationTable {
         version: 1,
-        longitudinal: [(0.0988, 1.0121), (0.2472, 1.0114), (0.4941, 1.0119)].map(row).into(),
-        lateral: [(0.0921, 1.0861), (0.2299, 1.0875), (0.4583, 1.091)].map(row).into(),
+        longitudinal: [(0.0988, 1.0121), (0.2472, 1.0114), (0.4941, 1.0119)]
+            .map(row)
+            .into(),
+        lateral: [(0.0921, 1.0861), (0.2299, 1.0875), (0.4583, 1.091)]
+            .map(row)
+            .into(),
         oblique: [(0.0954, 1.0482, 1.0493), (0.4755, 1.0517, 1.0529)]
             .map(|(speed, longitudinal, lateral)| ObliqueRow {
                 speed,
