@@ -1,5 +1,5 @@
-//! Whole control ticks of a robot that drives: with ideal wheels, with every table of a compensation,
-//! and by the phase of the rollers.
+//! Whole control ticks of a robot that drives: with ideal wheels, with every table of a
+//! compensation, and by the phase of the rollers.
 //!
 //! The robot accelerates in all three axes at once and its encoders follow exactly, so every part
 //! of the tick works and no limit or suspicion takes a part of it away.

@@ -240,8 +240,8 @@ mod tests {
         0.0
     };
 
-    /// Sets over all that a robot accepts, at speeds from a crawl to beyond every table: coefficients
-    /// and their inverses against double precision.
+    /// Sets over all that a robot accepts, at speeds from a crawl to beyond every table:
+    /// coefficients and their inverses against double precision.
     #[test]
     fn coefficients_are_off_by_their_steps() {
         let mut random = Random(23);
