@@ -16,11 +16,10 @@
 use kinematics::FixedMember as Kinematics;
 #[cfg(not(feature = "fixed-point"))]
 use kinematics::MemberKinematics as Kinematics;
-use kinematics::{
-    GeometryError, GridCompensation, Mount, Twist, VelocityCompensation, Wheel, WheelRates,
-};
+use kinematics::{GeometryError, Mount, Twist, VelocityCompensation, Wheel, WheelRates};
 
-use crate::quantity::{Lever, Quantity, Rate, Ratio, Velocity};
+use crate::compensation::{Coefficients, GridCompensation};
+use crate::quantity::{Lever, Quantity, Rate, Ratio};
 use crate::rollers::Rolling;
 use crate::twist::{quantities, scaled, single, to};
 
@@ -110,9 +109,6 @@ pub enum Contact {
     Rolling(Rolling),
 }
 
-/// Coefficients along x, along y and about z of the robot.
-pub type Coefficients = [Ratio; 3];
-
 /// The coefficients a control tick works with.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Factors {
@@ -125,7 +121,7 @@ pub struct Factors {
 }
 
 impl Drivetrain {
-    /// Puts the three together.
+    /// Puts the three together, with a constant compensation.
     ///
     /// # Errors
     /// [`GeometryError`] when the wheels leave a motion uncontrolled.
@@ -134,15 +130,20 @@ impl Drivetrain {
     pub fn new(
         wheels: &[Wheel; 4],
         mount: Mount,
-        compensation: GridCompensation,
-        contact: Contact,
+        compensation: &VelocityCompensation,
+        contact: &Contact,
     ) -> Result<Self, GeometryError> {
         Ok(Self {
             wheels: Kinematics::from_wheels(wheels, &Mount::IDENTITY, &VelocityCompensation::NONE)?,
             mount: Placement::new(&mount),
-            compensation,
-            contact,
+            compensation: GridCompensation::from(compensation),
+            contact: *contact,
         })
+    }
+
+    /// Its compensation, to be given tables where it is: a robot's stack has no room for another.
+    pub const fn compensation_mut(&mut self) -> &mut GridCompensation {
+        &mut self.compensation
     }
 
     /// The wheels' rollers; `None` for ideal wheels.
@@ -186,14 +187,15 @@ impl Drivetrain {
         self.compensation.is_constant()
     }
 
-    /// Rates or accelerations of the wheels for a twist of the group or its derivative.
+    /// Rates or accelerations of the wheels for a twist of the robot in its own frame or its
+    /// derivative.
     #[inline]
     pub(crate) fn wheels<const FRACTION: u32>(
         &self,
-        group: Motion<FRACTION>,
+        here: Motion<FRACTION>,
         factors: &Factors,
     ) -> [Quantity<FRACTION>; 4] {
-        self.rates(self.asked(group, factors))
+        self.rates(factors.asked(here))
     }
 
     /// The wheels' rates for what they are asked for.
@@ -246,38 +248,34 @@ impl Drivetrain {
     /// The factors of a robot that stands.
     #[must_use]
     pub fn factors(&self) -> Factors {
-        let asked = self.at(Twist::default());
+        let asked = self.compensation.coefficients(Twist::default());
         Factors {
             asked,
-            achieved: inverse(asked),
+            achieved: asked.map(Ratio::inverse),
             reference_next: true,
         }
     }
 
-    /// Renews one half of the factors: those of the reference or those of the measurement, both
-    /// given in the group frame.
+    /// Renews one half of the factors: those of the reference, a twist of the robot in its own
+    /// frame, or those of the measurement, a twist of the group.
     #[inline]
-    pub fn renew(&self, factors: &mut Factors, reference: Twist<Velocity>, measured: Twist<Rate>) {
+    pub fn renew(&self, factors: &mut Factors, here: Twist<Rate>, measured: Twist<Rate>) {
         if self.compensation.is_constant() {
             return;
         }
-        if factors.reference_next {
-            factors.asked = self.at(to(reference));
+        let is_reference = factors.reference_next;
+        let motion = if is_reference {
+            here
         } else {
-            factors.achieved = inverse(self.at(measured));
+            self.mount.member(measured)
+        };
+        let coefficients = self.compensation.coefficients(motion);
+        if is_reference {
+            factors.asked = coefficients;
+        } else {
+            factors.achieved = coefficients.map(Ratio::inverse);
         }
-        factors.reference_next = !factors.reference_next;
-    }
-
-    /// What the wheels are asked for, a twist of the robot in its own frame, for a twist of the
-    /// group.
-    #[inline]
-    pub(crate) fn asked<const FRACTION: u32>(
-        &self,
-        group: Motion<FRACTION>,
-        factors: &Factors,
-    ) -> Motion<FRACTION> {
-        self.member(group, &factors.asked)
+        factors.reference_next = !is_reference;
     }
 
     /// A displacement of the group with this turn of the robot, rad, in place of its own: the robot
@@ -289,15 +287,6 @@ impl Drivetrain {
             ..Twist::default()
         };
         moved + self.mount.group(more)
-    }
-
-    #[inline]
-    fn member<const FRACTION: u32>(
-        &self,
-        group: Motion<FRACTION>,
-        coefficients: &Coefficients,
-    ) -> Motion<FRACTION> {
-        times(self.mount.member(group), coefficients)
     }
 
     /// The group's twist or displacement for that of what the wheels are asked for.
@@ -312,9 +301,8 @@ impl Drivetrain {
 
     #[inline]
     fn setpoint(&self, group: Twist) -> Motion<SETPOINT> {
-        let group = quantities::<SETPOINT>(group);
-        let coefficients = self.at(to(group));
-        self.member(group, &coefficients)
+        let here = self.here(quantities::<SETPOINT>(group));
+        times(here, &self.compensation.coefficients(to(here)))
     }
 
     /// A twist of the group at the place of this robot, in its frame.
@@ -322,20 +310,14 @@ impl Drivetrain {
     pub fn here<const FRACTION: u32>(&self, group: Motion<FRACTION>) -> Motion<FRACTION> {
         self.mount.member(group)
     }
-
-    fn at(&self, group: Twist<Rate>) -> Coefficients {
-        let member = if self.is_constant() {
-            Twist::ZERO
-        } else {
-            single(self.mount.member(group))
-        };
-        self.compensation.coefficients(member).map(Ratio::new)
-    }
 }
 
-/// One over each coefficient.
-fn inverse(coefficients: Coefficients) -> Coefficients {
-    coefficients.map(|one| Ratio::new(1.0 / one.to_f32()))
+impl Factors {
+    /// What the wheels are asked for, for a twist of the robot in its own frame.
+    #[inline]
+    pub(crate) fn asked<const FRACTION: u32>(&self, here: Motion<FRACTION>) -> Motion<FRACTION> {
+        times(here, &self.asked)
+    }
 }
 
 #[inline]
@@ -356,7 +338,7 @@ mod tests {
     use crate::quantity::Angle;
     use kinematics::{AxisTable, FourWheelGeometry, Pose, SpeedCompensation};
 
-    fn drivetrain(compensation: GridCompensation) -> Drivetrain {
+    fn drivetrain(compensation: &VelocityCompensation) -> Drivetrain {
         let geometry =
             FourWheelGeometry::new(0.370, 0.350, 0.1524, core::f32::consts::FRAC_PI_4).unwrap();
         let mount = Mount::new(Pose::new(1.2, -0.4, 0.3)).unwrap();
@@ -364,7 +346,7 @@ mod tests {
             &geometry.wheels().unwrap(),
             mount,
             compensation,
-            Contact::Ideal,
+            &Contact::Ideal,
         )
         .unwrap()
     }
@@ -392,18 +374,18 @@ mod tests {
             lateral: AxisTable::new(&[(0.1, 1.141), (0.5, 1.157)]).unwrap(),
             yaw: AxisTable::new(&[(1.0, 1.0195)]).unwrap(),
         };
-        for (compensation, ticks) in [
-            (GridCompensation::from(&constant), 0),
-            (GridCompensation::from(&speed), 20),
-        ] {
-            let drivetrain = drivetrain(compensation);
+        let constant = drivetrain(&constant);
+        let mut tables = constant;
+        tables.compensation_mut().sample(&speed);
+        for (drivetrain, ticks) in [(constant, 0), (tables, 20)] {
             let mut factors = drivetrain.factors();
             let mut back = Twist::ZERO;
             for _ in 0..=ticks {
-                let rates: [Rate; 4] = drivetrain.wheels(quantities(twist), &factors);
+                let here = drivetrain.here(quantities(twist));
+                let rates: [Rate; 4] = drivetrain.wheels(here, &factors);
                 let seen = drivetrain.forward(rates, &factors);
                 back = single(seen);
-                drivetrain.renew(&mut factors, quantities(twist), seen);
+                drivetrain.renew(&mut factors, here, seen);
             }
             same(back, twist);
             let rates = drivetrain.inverse(twist);
@@ -429,8 +411,8 @@ mod tests {
             let drivetrain = Drivetrain::new(
                 &geometry.wheels().unwrap(),
                 mount,
-                GridCompensation::from(&VelocityCompensation::new(c[0], c[1], c[2]).unwrap()),
-                Contact::Ideal,
+                &VelocityCompensation::new(c[0], c[1], c[2]).unwrap(),
+                &Contact::Ideal,
             )
             .unwrap();
             let factors = drivetrain.factors();
@@ -448,7 +430,7 @@ mod tests {
                 omega: group.omega.into(),
             });
             let exact = [exact.vx, exact.vy, exact.omega];
-            let asked: Twist<Rate> = drivetrain.asked(quantities(group), &factors);
+            let asked: Twist<Rate> = factors.asked(drivetrain.here(quantities(group)));
             let found = single(asked);
             let found = [found.vx, found.vy, found.omega];
             // Steps: of a result, of a coefficient or cosine, of a lever; or those of a float. A
@@ -483,8 +465,8 @@ mod tests {
         let drivetrain = Drivetrain::new(
             &geometry.wheels().unwrap(),
             Mount::new(Pose::new(50.0, -50.0, 0.785)).unwrap(),
-            GridCompensation::from(&VelocityCompensation::new(2.0, 2.0, 2.0).unwrap()),
-            Contact::Ideal,
+            &VelocityCompensation::new(2.0, 2.0, 2.0).unwrap(),
+            &Contact::Ideal,
         )
         .unwrap();
         let slow = drivetrain.fastest(Twist::new(0.0, 0.0, 0.05)).front_left;

@@ -26,6 +26,7 @@ extern crate std;
 
 pub mod brake;
 pub mod clock;
+pub mod compensation;
 pub mod configuration;
 pub mod current;
 pub mod drivetrain;

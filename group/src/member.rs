@@ -124,7 +124,7 @@ impl Checker<'_> {
         let board = e.board.as_ref().or(d.board.as_ref());
         let board = board.map_or_else(Board::default, |board| *board.get_ref());
         if board == Board::KitF103rc {
-            field.fits_kit(&output, &e.motor, &d.motor);
+            field.fits_kit(&output, e, d);
         }
         let compensation = self.compensation(&field, e, d)?;
         let compensation_table = self.compensation_table(&field, e, d, &compensation);

@@ -292,6 +292,13 @@ fn a_kit_with_what_it_is_not_wired_for() {
         "pair.toml:25: robots[1].motor.current_scale: is not for a `kit-f103rc`; remove it: the \
          board has no inputs for current sensors"
     );
+    let rollers = "board = \"kit-f103rc\"\nmotor = { output_stage = \"in-in-brake\" }\n\
+                   rollers = { count = 8 }";
+    assert_eq!(
+        refusal("compensation = { lateral = 1.033 }", rollers),
+        "pair.toml:26: robots[1].rollers: is not for a `kit-f103rc`; remove it: the board has no \
+         index inputs, so the rollers' phase is never known"
+    );
 }
 
 /// Fixed point has no number for 8 V s^2/rad (docs/numbers.md); a robot with floats takes 50.

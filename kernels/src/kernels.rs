@@ -2,14 +2,16 @@
 
 use core::hint::black_box;
 
+use control::compensation::{Coefficients, GridCompensation};
 use control::quantity::{Acceleration, Rate, Time, Voltage};
+use control::twist::{quantities, still};
 use control::wheel::{Available, Gains, Held, WheelLoop, WheelReference};
 use fixed::types::I16F16;
 use kinematics::arithmetic::sin_cos;
 use kinematics::{
-    AxisTable, FixedPhaseMember, FixedSecant, FourWheelGeometry, GridCompensation,
-    MemberKinematics, Mount, Odometry, PhaseMember, Pose, RollerAngle, Secant, SpeedCompensation,
-    Twist, VelocityCompensation, WheelRates, desaturate,
+    AxisTable, FixedPhaseMember, FixedSecant, FourWheelGeometry, MemberKinematics, Mount, Odometry,
+    PhaseMember, Pose, RollerAngle, Secant, SpeedCompensation, Twist, VelocityCompensation,
+    WheelRates, desaturate,
 };
 
 /// Inputs of every function.
@@ -53,7 +55,7 @@ fn wheel_loop(wheel: &mut WheelLoop, reference: &WheelReference, rate: Rate, out
 }
 
 #[inline(never)]
-fn compensation(tables: &GridCompensation, twist: &Twist, out: &mut [f32; 3]) {
+fn compensation(tables: &GridCompensation, twist: &Twist<Rate>, out: &mut Coefficients) {
     *out = tables.coefficients(*twist);
 }
 
@@ -173,11 +175,13 @@ fn calls() -> Option<()> {
     let k = black_box(MemberKinematics::new(&geometry, &mount, &slip).ok()?);
     let fixed = black_box(k.convert::<I16F16>().ok()?);
     let axis = |rows| AxisTable::<3>::new(rows).ok();
-    let tables = black_box(GridCompensation::from(&SpeedCompensation {
+    let mut tables = GridCompensation::from(&slip);
+    tables.sample(&SpeedCompensation {
         longitudinal: axis(&[(0.1, 1.022), (0.3, 1.024), (0.5, 1.027)])?,
         lateral: axis(&[(0.1, 1.141), (0.3, 1.151), (0.5, 1.157)])?,
         yaw: axis(&[(0.2, 1.018), (0.5, 1.02), (1.0, 1.021)])?,
-    }));
+    });
+    let tables = black_box(tables);
     let mut odometry = black_box(Odometry::new());
     let rollers = Rollers::new(&geometry, &mount, &slip)?;
     let mut wheel = black_box(WheelLoop::new(
@@ -194,7 +198,7 @@ fn calls() -> Option<()> {
     for _ in 0..INPUTS {
         let twist = black_box(spread.twist());
         let (mut rates, mut back, mut voltage) = (WheelRates::ZERO, Twist::ZERO, Voltage::ZERO);
-        let (mut coefficients, mut circle) = ([0.0; 3], (0.0, 0.0));
+        let mut circle = (0.0, 0.0);
         nothing(&k, &twist, black_box(&mut rates));
         inverse_desaturated(&k, &twist, black_box(&mut rates));
         inverse(&k, &twist, black_box(&mut rates));
@@ -213,7 +217,9 @@ fn calls() -> Option<()> {
             rate,
             black_box(&mut voltage),
         );
-        compensation(&tables, &twist, black_box(&mut coefficients));
+        let mut coefficients = tables.coefficients(still());
+        let here = black_box(quantities(twist));
+        compensation(&tables, &here, black_box(&mut coefficients));
         sine_cosine(black_box(&(3.0 * spread.next())), black_box(&mut circle));
         let narrow = black_box(twist.convert::<I16F16>());
         let mut fixed_rates = WheelRates::from([I16F16::ZERO; 4]);

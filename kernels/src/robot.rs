@@ -1,4 +1,5 @@
-//! Whole control ticks of a robot that drives: with ideal wheels, and by the phase of the rollers.
+//! Whole control ticks of a robot that drives: with ideal wheels, with every table of a
+//! compensation, and by the phase of the rollers.
 //!
 //! The robot accelerates in all three axes at once and its encoders follow exactly, so every part
 //! of the tick works and no limit or suspicion takes a part of it away.
@@ -19,7 +20,9 @@ use control::tick::ControlSide;
 use control::time::{Micros, TICK_US};
 use control::wheel::Gains;
 use control::wheel_drive::MotorLimits;
-use kinematics::{FourWheelGeometry, GridCompensation, Mount, Pose, Twist, VelocityCompensation};
+use kinematics::{
+    AxisTable, DirectionalCompensation, FourWheelGeometry, Mount, Pose, Twist, VelocityCompensation,
+};
 
 /// Ticks that are counted, after as many in which the index passes and the robot starts.
 const TICKS: u16 = 64;
@@ -38,13 +41,35 @@ fn tick_phase(side: &mut ControlSide, now: Micros, given: &(Command, Inputs), ou
     *out = side.tick(now, &given.0, &given.1);
 }
 
-/// What a tick runs in: one that is not counted, or one of the two above.
+#[inline(never)]
+fn tick_tables(side: &mut ControlSide, now: Micros, given: &(Command, Inputs), out: &mut Outputs) {
+    // Nor this one.
+    core::hint::black_box(0_u8);
+    *out = side.tick(now, &given.0, &given.1);
+}
+
+/// What a tick runs in: one that is not counted, or one of those above.
 type Run = fn(&mut ControlSide, Micros, &(Command, Inputs), &mut Outputs);
 
-/// Drives both robots.
+/// Drives the three robots.
 pub fn run() -> Option<()> {
-    drive(&configuration(false)?, tick)?;
-    drive(&configuration(true)?, tick_phase)
+    drive(&configuration(false, false)?, tick)?;
+    drive(&configuration(false, true)?, tick_tables)?;
+    drive(&configuration(true, false)?, tick_phase)
+}
+
+/// What a calibration writes.
+fn tables() -> Option<DirectionalCompensation<3, 3, 2, 2>> {
+    let axis = |rows| AxisTable::<3>::new(rows).ok();
+    let two = |rows| AxisTable::<2>::new(rows).ok();
+    DirectionalCompensation::new(
+        axis(&[(0.1, 1.012), (0.25, 1.011), (0.5, 1.013)])?,
+        axis(&[(0.1, 1.086), (0.25, 1.088), (0.5, 1.091)])?,
+        two(&[(0.1, 1.048), (0.5, 1.052)])?,
+        two(&[(0.1, 1.049), (0.5, 1.053)])?,
+        two(&[(0.25, 1.022), (0.5, 1.024)])?,
+    )
+    .ok()
 }
 
 fn uncounted(
@@ -101,8 +126,9 @@ fn given(crc: u32, number: u16, now: Micros, counts: [u16; 4]) -> (Command, Inpu
     (command, inputs)
 }
 
-/// A robot as heavy as the paper's; `phase` says whether its rollers are known.
-fn configuration(phase: bool) -> Option<Configuration> {
+/// A robot as heavy as the paper's; `phase` says whether its rollers are known,
+/// `has_tables` whether its compensation depends on the motion.
+fn configuration(phase: bool, has_tables: bool) -> Option<Configuration> {
     let geometry = FourWheelGeometry::new(0.370, 0.350, 0.1524, FRAC_PI_4).ok()?;
     let mount = Mount::new(Pose::new(1.2, -0.4, 0.3)).ok()?;
     let compensation = VelocityCompensation::new(1.002, 1.033, 1.0195).ok()?;
@@ -114,12 +140,10 @@ fn configuration(phase: bool) -> Option<Configuration> {
         Contact::Ideal
     };
     let wheels = &geometry.wheels().ok()?;
-    let drivetrain = Drivetrain::new(
-        wheels,
-        mount,
-        GridCompensation::from(&compensation),
-        contact,
-    );
+    let mut drivetrain = Drivetrain::new(wheels, mount, &compensation, &contact).ok()?;
+    if has_tables {
+        drivetrain.compensation_mut().sample_directions(&tables()?);
+    }
     let wheel = WheelConfiguration {
         step: TAU / f32::from(COUNTS),
         motor_sign: 1.0,
@@ -140,7 +164,7 @@ fn configuration(phase: bool) -> Option<Configuration> {
         standstill_syncs: 0,
         protective_stop: false,
         cuts_together: false,
-        drivetrain: drivetrain.ok()?,
+        drivetrain,
         encoder_filter: 0,
         mount,
         wheel_rate_max: 30.0,

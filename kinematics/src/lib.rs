@@ -86,8 +86,8 @@ mod wheel;
 pub use arithmetic::{Real, Scalar};
 pub use compensated::CompensatedMember;
 pub use compensation::{
-    AxisTable, Compensation, DirectionalCompensation, GridCompensation, SpeedCompensation,
-    VelocityCompensation, estimate,
+    AxisTable, Compensation, DirectionalCompensation, SpeedCompensation, VelocityCompensation,
+    estimate,
 };
 pub use covariance::{Covariance, TwistUncertainty, Uncertainty};
 pub use error::{CompensationError, GeometryError, GroupError, MountError, RangeError};

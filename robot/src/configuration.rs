@@ -17,12 +17,12 @@ use control::supply::{FULL_SCALE, SupplyConfiguration};
 use control::time::TICK_US;
 use control::wheel::Gains;
 use control::wheel_drive::MotorLimits;
-use kinematics::{FourWheelGeometry, GeometryError, GridCompensation, Mount, Pose, Twist, Wheel};
+use kinematics::{FourWheelGeometry, GeometryError, Mount, Pose, Twist, Wheel};
 use protocol::address::{self as at, motor, rollers, wheel};
 use protocol::timing::{BIT_RATE, agreement_delay_us, latest_delay_us};
 use protocol::{Address, MEMBER_MASK, Value, entry};
 
-use crate::compensation::compensation;
+use crate::compensation::tabulate;
 use crate::parameters::Parameters;
 
 /// Longest ramp while the bus side is silent, s: the watchdog waits no longer.
@@ -156,12 +156,6 @@ fn drivetrain(parameters: &Parameters, mount: Mount) -> Result<Drivetrain, Confi
     let constant = parameters
         .constant_compensation()
         .map_err(|_| bad(at::COMPENSATION_LONGITUDINAL))?;
-    let compensation = parameters
-        .compensation_set()
-        .map_or(Ok(GridCompensation::from(&constant)), |set| {
-            compensation(&set, &constant)
-        })
-        .map_err(|_| bad(at::COMPENSATION_SET))?;
     let contact = match rollers(parameters)? {
         None => Contact::Ideal,
         // The fast way with rollers is for wheels at the corners of a rectangle.
@@ -172,7 +166,13 @@ fn drivetrain(parameters: &Parameters, mount: Mount) -> Result<Drivetrain, Confi
             Rolling::new(&geometry(parameters)?, &rollers).map_err(|_| bad(geometry_at))?,
         ),
     };
-    Drivetrain::new(&wheels, mount, compensation, contact).map_err(|_| bad(geometry_at))
+    let mut drivetrain =
+        Drivetrain::new(&wheels, mount, &constant, &contact).map_err(|_| bad(geometry_at))?;
+    if let Some(set) = parameters.compensation_set() {
+        tabulate(drivetrain.compensation_mut(), &set, &constant)
+            .map_err(|_| bad(at::COMPENSATION_SET))?;
+    }
+    Ok(drivetrain)
 }
 
 /// The members, of which the robot itself is one; bit n stands for node n.

@@ -4,12 +4,16 @@
 //! fractional bits less than both factors together, the result is the upper word of the product and
 //! always fits: the quantities of this crate are scaled so that most products are of this kind.
 
+mod steps;
+
 use core::ops::{Add, AddAssign, Neg, Sub, SubAssign};
 
 use fixed::types::I16F16;
 
 use super::root::reciprocal;
 use super::{Angle, AngleGain, Duration, PerSecond, Ratio, Time, Voltage};
+
+pub use steps::{Steps, polar};
 
 /// A number with that many fractional bits.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug, Default)]
@@ -98,7 +102,9 @@ impl<const FRACTION: u32> Quantity<FRACTION> {
     #[must_use]
     #[inline(always)]
     pub const fn abs(self) -> Self {
-        Self(self.0.saturating_abs())
+        // That of the least does not fit and comes out negative: one less is the largest.
+        let magnitude = self.0.wrapping_abs();
+        Self(magnitude.wrapping_sub((magnitude.cast_unsigned() >> 31).cast_signed()))
     }
 
     /// Half of it.
@@ -145,6 +151,37 @@ impl<const FRACTION: u32> Quantity<FRACTION> {
     ) -> Quantity<RESULT> {
         let shift = const { FRACTION + OTHER - RESULT };
         Quantity(narrow(self.0 as i64 * other.0 as i64, shift))
+    }
+
+    /// One over it; it is above zero. Ends at 16.
+    #[must_use]
+    #[inline(always)]
+    pub const fn inverse(self) -> Ratio {
+        // Bits of the result by bits of the number have as many fractional ones.
+        let fraction = const { FRACTION + Ratio::FRACTION };
+        let (mantissa, shift) = reciprocal(self.0.cast_unsigned());
+        let bits = if shift < fraction {
+            u32::MAX
+        } else {
+            mantissa >> (shift - fraction)
+        };
+        Quantity(if bits > i32::MAX as u32 {
+            i32::MAX
+        } else {
+            bits.cast_signed()
+        })
+    }
+
+    /// As far from this number to another as a share says, 0 to 2; neither is negative.
+    #[must_use]
+    #[inline(always)]
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "at most twice the difference"
+    )]
+    pub const fn toward(self, other: Self, share: Ratio) -> Self {
+        let way = other.0.wrapping_sub(self.0) as i64 * share.0 as i64;
+        Self(self.0.wrapping_add((way >> Ratio::FRACTION) as i32))
     }
 
     /// So many of it.
@@ -315,27 +352,6 @@ impl PerSecond {
         let rest = (1_000_000 << 12) % micros;
         let bits = (whole << 6) | ((rest << 6) / micros);
         Self(if bits > i32::MAX as u32 {
-            i32::MAX
-        } else {
-            bits.cast_signed()
-        })
-    }
-}
-
-impl Voltage {
-    /// One over it; it is above zero. Ends at 16, which is one over a sixteenth of a volt.
-    #[must_use]
-    #[inline(always)]
-    pub const fn inverse(self) -> Ratio {
-        /// Bits of the result by bits of the voltage have as many fractional ones.
-        const FRACTION: u32 = 42;
-        let (mantissa, shift) = reciprocal(self.0.cast_unsigned());
-        let bits = if shift < FRACTION {
-            u32::MAX
-        } else {
-            mantissa >> (shift - FRACTION)
-        };
-        Quantity(if bits > i32::MAX as u32 {
             i32::MAX
         } else {
             bits.cast_signed()

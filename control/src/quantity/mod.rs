@@ -35,7 +35,7 @@ use single as scalar;
 #[cfg(test)]
 mod tests;
 
-pub use scalar::{Count, Ends, Half, Integral, Part, Quantity, Sign};
+pub use scalar::{Count, Ends, Half, Integral, Part, Quantity, Sign, Steps, polar};
 
 /// Rate of a wheel, rad/s.
 pub type Rate = Quantity<23>;

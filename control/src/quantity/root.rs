@@ -20,10 +20,9 @@ pub const fn reciprocal(number: u32) -> (u32, u32) {
     let excess = (guess as i64)
         .wrapping_mul(normal as i64)
         .wrapping_sub(1 << 48);
-    let first = (guess as i64) << 14;
-    let correction = first.wrapping_mul(excess >> 8) >> 40;
+    let correction = (guess as i64).wrapping_mul((excess >> 8) as i32 as i64) >> 26;
     (
-        first.wrapping_sub(correction) as u32,
+        (guess << 14).wrapping_sub(correction as u32),
         62_u32.wrapping_sub(zeros),
     )
 }
@@ -74,6 +73,15 @@ impl InverseRoot {
     pub const fn root(self) -> u32 {
         let root = (self.normal as u64).wrapping_mul(self.mantissa as u64) >> 32;
         ((root << 2) >> self.half) as u32
+    }
+
+    /// The share of a part in the number, with 28 fractional bits.
+    #[expect(clippy::cast_possible_truncation, reason = "the upper words")]
+    pub const fn share(self, part: u64) -> u32 {
+        let part = (part << ((self.half << 1) & 63)) >> 32;
+        let mantissa = self.mantissa as u64;
+        let square = mantissa.wrapping_mul(mantissa) >> 32;
+        (part.wrapping_mul(square) >> 32) as u32
     }
 }
 

@@ -3,7 +3,9 @@
 use core::cmp::Ordering;
 use core::ops::{Add, AddAssign, Neg, Sub, SubAssign};
 
-use super::{Angle, AngleGain, Duration, PerSecond, Ratio, Time, Voltage};
+use kinematics::arithmetic::Real as _;
+
+use super::{Angle, AngleGain, Duration, PerSecond, Rate, Ratio, Time, Voltage};
 
 /// A number whose fractional bits single precision has no need of.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
@@ -106,6 +108,20 @@ impl<const FRACTION: u32> Quantity<FRACTION> {
         other: Quantity<OTHER>,
     ) -> Quantity<RESULT> {
         Quantity(self.0 * other.0)
+    }
+
+    /// One over it; it is above zero.
+    #[must_use]
+    #[inline(always)]
+    pub const fn inverse(self) -> Ratio {
+        Quantity(1.0 / self.0)
+    }
+
+    /// As far from this number to another as a share says, 0 to 2; neither is negative.
+    #[must_use]
+    #[inline(always)]
+    pub const fn toward(self, other: Self, share: Ratio) -> Self {
+        Self(self.0 + (other.0 - self.0) * share.0)
     }
 
     /// So many of it.
@@ -212,15 +228,6 @@ impl PerSecond {
     }
 }
 
-impl Voltage {
-    /// One over it; it is above zero.
-    #[must_use]
-    #[inline(always)]
-    pub const fn inverse(self) -> Ratio {
-        Quantity(1.0 / self.0)
-    }
-}
-
 /// The parts of a span of time.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
 pub struct Part(f32);
@@ -238,6 +245,45 @@ impl Part {
     pub const fn at(self, micros: u32) -> Ratio {
         Quantity(micros as f32 * self.0)
     }
+}
+
+/// Equal steps of a rate, from zero to an end.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Steps<const COUNT: usize>(f32);
+
+impl<const COUNT: usize> Steps<COUNT> {
+    /// Up to this rate, which is above zero.
+    #[must_use]
+    pub const fn new(end: f32) -> Self {
+        Self(const { COUNT as f32 } / end)
+    }
+
+    /// The number of the step in which the magnitude of a rate is, and which part of the step is
+    /// below it. Beyond the end it is all of the last step.
+    #[must_use]
+    #[inline(always)]
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "a small number"
+    )]
+    pub fn at(self, rate: Rate) -> (usize, Ratio) {
+        let most = const { COUNT as f32 };
+        let place = rate.0.abs() * self.0;
+        let place = if place > most { most } else { place };
+        let step = (place as usize).min(COUNT - 1);
+        (step, Quantity(place - step as f32))
+    }
+}
+
+/// The size of a vector, and twice the share of its second component in the square of it; `None`
+/// below 1e-6, where a direction means nothing.
+#[must_use]
+#[inline(always)]
+pub fn polar(x: Rate, y: Rate) -> Option<(Rate, Ratio)> {
+    let across = y.0 * y.0;
+    let square = x.0 * x.0 + across;
+    (square >= 1e-12).then(|| (Quantity(square.root()), Quantity(2.0 * across / square)))
 }
 
 /// Whether any of some numbers is at an end of its range: a float has none.

@@ -163,9 +163,17 @@ fn conversions_are_off_by_half_a_step() {
 }
 
 #[test]
-fn one_over_a_voltage_is_off_by_its_steps() {
+fn one_over_a_number_is_off_by_its_steps() {
     let mut spread = Spread(5);
     for _ in 0..10_000 {
+        // Coefficients of the compensation, and more.
+        let ratio = Ratio::new(2.1 + 1.9 * spread.next());
+        let (found, wanted) = (exact(ratio.inverse()), 1.0 / exact(ratio));
+        let off = (found - wanted).abs();
+        assert!(
+            off <= step::<27>(wanted) + 2e-9 * wanted,
+            "{ratio:?}: {found}"
+        );
         // From a tenth of a volt to a hundred.
         let voltage = Voltage::new(spread.of(100.0).abs());
         let (found, exact) = (exact(voltage.inverse()), 1.0 / exact(voltage));
@@ -175,6 +183,60 @@ fn one_over_a_voltage_is_off_by_its_steps() {
             "{voltage:?}: {found}"
         );
     }
+}
+
+/// Ends of the tables of a compensation, as far apart as a robot accepts, and rates from standstill
+/// to far beyond them.
+#[test]
+fn steps_of_a_rate_are_off_by_its_step() {
+    let mut spread = Spread(11);
+    for _ in 0..20_000 {
+        let end = spread.of(6.5535).abs().max(1e-4);
+        let most = if spread.next() < 0.5 { end } else { 250.0 };
+        let rate = Rate::new(spread.of(most));
+        let (step, part) = Steps::<16>::new(end).at(rate);
+        let found = step as f64 + exact(part);
+        let wanted = (16.0 * exact(rate).abs() / f64::from(end)).min(16.0);
+        // Half a step of the end, and the reciprocal's own; a float has 24 bits of either.
+        let off = 2.0_f64.powi(-24) / f64::from(end) + 2.0_f64.powi(-27);
+        let off = if cfg!(feature = "fixed-point") {
+            off
+        } else {
+            2.5e-7
+        };
+        assert!(step < 16 && exact(part) <= 1.0, "{step} {part:?}");
+        assert!(
+            (found - wanted).abs() <= 16.0 * off,
+            "{rate:?} of {end}: {found}, not {wanted}"
+        );
+    }
+}
+
+#[test]
+fn size_and_share_are_those_of_the_vector() {
+    let mut spread = Spread(13);
+    for _ in 0..20_000 {
+        // From 10 um/s to what a rate can hold.
+        let size = 1e-5 * 10_f32.powf(3.7 + 3.7 * spread.next());
+        let [x, y] = [0, 1].map(|_| Rate::new(size.min(180.0) * spread.next()));
+        let Some((found, share)) = polar(x, y) else {
+            assert!(exact(x).hypot(exact(y)) <= 1e-6);
+            continue;
+        };
+        let wanted = exact(x).hypot(exact(y));
+        let bound = step::<23>(0.0) + 2.4e-7 * wanted;
+        assert!(
+            (exact(found) - wanted).abs() <= bound,
+            "{x:?} {y:?}: {found:?}"
+        );
+        let wanted = 2.0 * exact(y).powi(2) / wanted.powi(2);
+        let off = (exact(share) - wanted).abs();
+        assert!(
+            off <= 2.0 * step::<27>(0.0) + 3e-7 * wanted,
+            "{x:?} {y:?}: {share:?}"
+        );
+    }
+    assert_eq!(polar(Rate::new(5e-7), Rate::new(-5e-7)), None);
 }
 
 /// From the finest encoder that fits to the coarsest: what counts add up to over an hour.

@@ -174,23 +174,23 @@ impl Motion {
     #[inline]
     fn refer(&mut self, report: &mut Report, step: Step) -> [Rate; 4] {
         let (drivetrain, velocity) = (&self.configuration.drivetrain, self.limiter.velocity());
-        drivetrain.renew(&mut self.factors, velocity, report.measured);
+        let here = drivetrain.here(to(velocity));
+        drivetrain.renew(&mut self.factors, here, report.measured);
         if let Some(rollers) = &self.rollers {
             // Rates for the present roller angles, and the acceleration that brings the wheels to
             // the rates for the roller angles and the twist of the next tick.
             let wheels = rollers.kinematics();
-            let asked = drivetrain.asked(to(velocity), &self.factors);
-            let now = rollers::inverse(wheels, asked, rollers.secants());
+            let now = rollers::inverse(wheels, self.factors.asked(here), rollers.secants());
             let ahead = rollers.ahead(now, step.dt);
             let next = velocity + scaled(self.limiter.acceleration(), step.dt);
-            let asked = drivetrain.asked(to(next), &self.factors);
+            let asked = self.factors.asked(drivetrain.here(to(next)));
             let next = rollers::inverse(wheels, asked, &ahead);
             report.rates_ref = now;
             self.accelerations = pairs(now, next, |now, next| (next - now).times(step.per_second));
             now
         } else {
-            let rates = drivetrain.wheels(to(velocity), &self.factors);
-            let acceleration = to(self.limiter.acceleration());
+            let rates = drivetrain.wheels(here, &self.factors);
+            let acceleration = drivetrain.here(to(self.limiter.acceleration()));
             self.accelerations = drivetrain.wheels(acceleration, &self.factors);
             report.rates_ref = rates;
             rates

@@ -1,7 +1,7 @@
 //! Motor drivers, brake and current sensor of a robot, as a file gives them; every key has a
 //! default.
 
-use super::{Checker, Member, Range, Value, schema};
+use super::{At, Checker, Member, Range, Value, schema};
 use crate::model::{CurrentSensor, OutputStage, StageKind};
 
 /// End of the range of a measuring input, V.
@@ -110,34 +110,27 @@ impl Checker<'_> {
 
 impl Member<'_, '_> {
     /// Refuses what a kit's board is not wired for (docs/boards.md).
-    pub(super) fn fits_kit(
-        &self,
-        output: &OutputStage,
-        own: &schema::Motor,
-        shared: &schema::Motor,
-    ) {
+    pub(super) fn fits_kit(&self, output: &OutputStage, e: &schema::Entry, d: &schema::Defaults) {
+        let (own, shared) = (&e.motor, &d.motor);
         if !output.kind.has_two_pwms() {
-            let (key, problem) = ("motor.output_stage", "is not for a `kit-f103rc`");
             let remedy = "give `in-in-brake` or `in-in-fast`: its bridges have two PWMs a wheel";
-            self.refuse(
-                key,
-                &own.output_stage,
-                &shared.output_stage,
-                problem,
-                remedy,
-            );
+            let (own, shared) = (&own.output_stage, &shared.output_stage);
+            self.not_for_kit("motor.output_stage", own, shared, remedy);
         }
         if output.current_sensor.is_some() {
-            let (key, problem) = ("motor.current_scale", "is not for a `kit-f103rc`");
             let remedy = "remove it: the board has no inputs for current sensors";
-            self.refuse(
-                key,
-                &own.current_scale,
-                &shared.current_scale,
-                problem,
-                remedy,
-            );
+            let (own, shared) = (&own.current_scale, &shared.current_scale);
+            self.not_for_kit("motor.current_scale", own, shared, remedy);
         }
+        if e.rollers.is_some() || d.rollers.is_some() {
+            let remedy = "remove it: the board has no index inputs, so the rollers' phase is \
+                          never known";
+            self.not_for_kit("rollers", &e.rollers, &d.rollers, remedy);
+        }
+    }
+
+    fn not_for_kit<T>(&self, key: &str, own: &Option<At<T>>, shared: &Option<At<T>>, remedy: &str) {
+        self.refuse(key, own, shared, "is not for a `kit-f103rc`", remedy);
     }
 
     /// A whole number within bounds.

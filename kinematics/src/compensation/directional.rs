@@ -92,8 +92,9 @@ impl<const X: usize, const Y: usize, const O: usize, const W: usize, S: Real>
     }
 
     /// Ahead, aside, both at 45 degrees, yaw.
+    #[must_use]
     #[expect(clippy::type_complexity, reason = "the four kinds of table there are")]
-    pub(super) const fn tables(
+    pub const fn tables(
         &self,
     ) -> (
         &AxisTable<X, S>,

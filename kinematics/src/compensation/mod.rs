@@ -5,8 +5,6 @@
 //! direction of motion between the axes, because the loss of a robot that moves obliquely is
 //! neither its longitudinal nor its lateral loss.
 //!
-//! [`GridCompensation`] is any of them, sampled for a control loop.
-//!
 //! All map the desired velocity to the one that the wheels are commanded to, and all are
 //! invertible: a table that is not is refused when it is built. Forward kinematics uses the inverse
 //! of the same object.
@@ -14,12 +12,10 @@
 mod constant;
 mod directional;
 pub mod estimate;
-mod grid;
 mod table;
 
 pub use constant::VelocityCompensation;
 pub use directional::DirectionalCompensation;
-pub use grid::GridCompensation;
 pub use table::{AxisTable, SpeedCompensation};
 
 use crate::arithmetic::Real;

@@ -146,7 +146,8 @@ impl<const R: usize, S: Real> AxisTable<R, S> {
 
     /// The speed from which on the coefficient no longer changes: that of the last row, or of an
     /// earlier one where all that follow have its coefficient.
-    pub(super) fn last_speed(&self) -> S {
+    #[must_use]
+    pub fn last_speed(&self) -> S {
         let mut rows = self.rows.iter().rev();
         let Some(last) = rows.next() else {
             return S::ONE;

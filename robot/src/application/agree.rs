@@ -210,7 +210,7 @@ pub(super) fn permitted(configuration: &Configuration, twist: Twist) -> Scale {
     let drivetrain = &configuration.drivetrain;
     let scale = |twist| desaturate(drivetrain.fastest(twist), configuration.wheel_rate_max).1;
     let first = scale(twist);
-    if drivetrain.is_constant() {
+    if drivetrain.is_constant() || first >= 1.0 {
         return Scale::new(first);
     }
     // At the smaller speed the compensation asks for a little more or less.

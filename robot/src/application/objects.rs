@@ -8,6 +8,7 @@
 use core::ops::Range;
 
 use canopen::{AbortCode, NmtState};
+use control::compensation::GridCompensation;
 use control::time::Micros;
 use protocol::address::{self as at, history, rollers};
 use protocol::compensation::{CompensationSet, SetError};
@@ -16,7 +17,7 @@ use protocol::{Access, Address, ENTRIES, Entry, Kind, Value, entry, table::highe
 
 use super::publish::record;
 use super::{Application, Received};
-use crate::compensation::compensation;
+use crate::compensation::tabulate;
 use crate::configuration;
 
 impl Application {
@@ -230,7 +231,7 @@ impl Application {
         })?;
         let constant = self.parameters.constant_compensation();
         constant
-            .and_then(|constant| compensation(&set, &constant))
+            .and_then(|constant| tabulate(&mut GridCompensation::from(&constant), &set, &constant))
             .map_err(|_| AbortCode::ParameterIncompatible)?;
         let slot = entry.slot().ok_or(AbortCode::General)?;
         self.parameters.set_block(slot, data);

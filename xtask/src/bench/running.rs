@@ -12,9 +12,6 @@ use sim::Options;
 use super::driving::Driving;
 use super::figure::Figure;
 
-/// What the load of a board without a floating-point unit is held to, %: what was reached, and a
-/// little for where code happens to lie in the flash.
-const OTHER_LOAD_CEILING: f64 = 14.2;
 /// Time of driving that is measured, ms.
 const MEASURED_MS: u64 = 1_000;
 /// Time of driving until the robots' clocks are in step, ms: the time constant is 64 SYNCs.
@@ -279,7 +276,12 @@ pub fn tick(group: &GroupFile, firmware: &Firmware, name: &str) -> anyhow::Resul
 }
 
 /// Tick, load and stack of an image for another board.
-pub fn of_board(group: &GroupFile, firmware: &Firmware, name: &str) -> anyhow::Result<Vec<Figure>> {
+pub fn of_board(
+    group: &GroupFile,
+    firmware: &Firmware,
+    name: &str,
+    load_ceiling: f64,
+) -> anyhow::Result<Vec<Figure>> {
     let options = Options {
         truth_period_ns: 0,
         ..Options::default()
@@ -302,7 +304,7 @@ pub fn of_board(group: &GroupFile, firmware: &Firmware, name: &str) -> anyhow::R
         most,
         Figure::new(format!("{name}.load"), 100.0 * (1.0 - asleep), "%")
             .budget(15.0)
-            .ceiling(OTHER_LOAD_CEILING),
+            .ceiling(load_ceiling),
         Figure::new(
             format!("{name}.memory.stack.high_water"),
             f64::from(used),
