@@ -1,8 +1,8 @@
 //! Where a rate is in a table, and the size and direction of two of them, in fixed point.
 //!
-//! The end of a table is normalized to 31 bits when the table is made, so a place in it is one shift
-//! and the upper word of one product, as precise for a table up to a millimetre a second as for one
-//! up to 6.5 m/s.
+//! The end of a table is normalized to 31 bits when the table is made. A place in it is then one
+//! shift and the upper word of one product, as precise for a table up to a millimetre a second as
+//! for one up to 6.5 m/s.
 
 use super::super::root::{InverseRoot, reciprocal};
 use super::super::{Rate, Ratio};
