@@ -40,7 +40,6 @@ impl<const COUNT: usize> Steps<COUNT> {
     /// below it. Beyond the end it is all of the last step.
     #[must_use]
     #[inline(always)]
-    #[expect(clippy::cast_possible_truncation, reason = "the upper word")]
     pub fn at(self, rate: Rate) -> (usize, Ratio) {
         let within = rate.abs().0.min(self.end).cast_unsigned();
         let within = within.wrapping_shl(self.shift);
@@ -60,7 +59,7 @@ pub fn polar(x: Rate, y: Rate) -> Option<(Rate, Ratio)> {
     /// 1e-6 squared, with the 46 fractional bits of a square.
     const STANDING: u64 = 70;
     let square = |one: Rate| {
-        let one = one.0.unsigned_abs() as u64;
+        let one = u64::from(one.0.unsigned_abs());
         one.wrapping_mul(one)
     };
     let across = square(y);
