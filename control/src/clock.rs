@@ -146,7 +146,6 @@ impl Grid {
     /// How far after a point of the grid a time lies, us.
     #[expect(
         clippy::cast_possible_truncation,
-        clippy::cast_possible_wrap,
         reason = "at most the ticks of eight periods of 200 ms, times 500 ppm of a tick"
     )]
     fn past(&self, at: Micros, most_ticks: u32) -> u32 {
@@ -156,9 +155,9 @@ impl Grid {
             .wrapping_sub(self.at.0 as u32)
             .wrapping_add(1_000 * TICK_US);
         let ticks = (since / TICK_US).saturating_sub(1_000).min(most_ticks);
-        let later = self.rest + ticks as i32 * self.drift;
+        let later = self.rest + ticks.cast_signed() * self.drift;
         let later_us = (later + (1 << (FRACTION - 1))) >> FRACTION;
-        since.wrapping_sub(later_us as u32)
+        since.wrapping_sub(later_us.cast_unsigned())
     }
 }
 

@@ -5,7 +5,7 @@
 //! table. Here the same curve is sampled once, at [`INTERVALS`] equal steps from standstill to its
 //! last row, and read by linear interpolation. The interpolation error is at most `1.5 (step / row
 //! spacing)^2` of the difference of the two rows around it, in the middle between two samples; from
-//! the last row on, and in a table of one row, it is zero.
+//! the last row on, and in a table of one row, it is zero (in fixed point a step of the number).
 //!
 //! The three forms of [`kinematics`] become this one: a constant is an axis without steps, a table
 //! over each axis's own speed has no oblique samples, the directional one has them. About 20

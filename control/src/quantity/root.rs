@@ -76,7 +76,6 @@ impl InverseRoot {
     }
 
     /// The share of a part in the number, with 28 fractional bits.
-    #[expect(clippy::cast_possible_truncation, reason = "the upper words")]
     pub const fn share(self, part: u64) -> u32 {
         let part = (part << ((self.half << 1) & 63)) >> 32;
         let mantissa = self.mantissa as u64;

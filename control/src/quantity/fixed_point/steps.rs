@@ -1,6 +1,6 @@
 //! Where a rate is in a table, and the size and direction of two of them, in fixed point.
 //!
-//! The end of a table is normalized to 31 bits when the table is made, so a place in it is one
+//! The end of a table is normalized to 31 bits when the table is made. A place in it is then one
 //! shift and the upper word of one product, as precise for a table up to a millimetre a second as
 //! for one up to 6.5 m/s.
 
@@ -40,7 +40,6 @@ impl<const COUNT: usize> Steps<COUNT> {
     /// below it. Beyond the end it is all of the last step.
     #[must_use]
     #[inline(always)]
-    #[expect(clippy::cast_possible_truncation, reason = "the upper word")]
     pub fn at(self, rate: Rate) -> (usize, Ratio) {
         let within = rate.abs().0.min(self.end).cast_unsigned();
         let within = within.wrapping_shl(self.shift);
@@ -60,7 +59,7 @@ pub fn polar(x: Rate, y: Rate) -> Option<(Rate, Ratio)> {
     /// 1e-6 squared, with the 46 fractional bits of a square.
     const STANDING: u64 = 70;
     let square = |one: Rate| {
-        let one = one.0.unsigned_abs() as u64;
+        let one = u64::from(one.0.unsigned_abs());
         one.wrapping_mul(one)
     };
     let across = square(y);
