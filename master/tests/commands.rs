@@ -483,7 +483,7 @@ fn a_dump_is_written_also_where_json_is_asked_for() {
 #[test]
 fn wrong_usage_is_exit_code_2_and_json_where_asked_for() {
     let real = "slcan-tcp://127.0.0.1:1";
-    let cases: [(&[&str], &str); 6] = [
+    let cases: [(&[&str], &str); 7] = [
         (&["drive", "--bus", BUS], "--for <SECONDS>"),
         (
             &["drive", "--vx", "0.1", "--for", "-1", "--bus", BUS],
