@@ -115,7 +115,7 @@ impl Indexes {
         let share = (angle - at) / (angle - from);
         Some(Pulse {
             counts_ago: (count(encoder) - count(encoder - (angle - at))) as i32,
-            at_ns: end_ns - (share * (end_ns - begin_ns) as f64) as u64,
+            at_ns: end_ns - (share * (end_ns - begin_ns) as f64).round() as u64,
         })
     }
 
