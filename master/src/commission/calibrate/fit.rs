@@ -27,9 +27,9 @@ const SUREST: f64 = 1e-5;
 /// than even motion. On contact plants that the fit does not know, 24 of 42 intervals held
 /// with none of it and steep ramps, and of 100 robots with two thirds of it 94 % up to 0.5 m/s.
 const SHARED: f64 = 3e-4;
-/// The same sideways and in turns, where rollers carry all of the motion. With [`SHARED`] there 38
-/// of 45 intervals held on nine robots in a multi-body simulation (docs/kinematics.md).
-pub(super) const SHARED_ACROSS: f64 = 6e-4;
+/// The same sideways and in turns, where rollers carry all of the motion: with half of it 38 of 45
+/// intervals held in a multi-body simulation (docs/kinematics.md).
+const SHARED_ACROSS: f64 = 6e-4;
 /// A motion is an outlier if it is off by more than this share of its speed: the few of a row
 /// cannot tell how far they scatter.
 const OUTLIER: f64 = 5e-3;
@@ -128,9 +128,13 @@ fn scatter<'a>(rows: impl Iterator<Item = &'a Row>) -> (f64, usize) {
 }
 
 /// Widens the interval of every row to what the scatter of all rows of its kind says, and by what
-/// all motions of a row share, a part of the coefficient.
-pub(super) fn widen(rows: &mut [&mut Row], shared: f64) {
+/// all motions of a row share.
+pub(super) fn widen(way: Way, rows: &mut [&mut Row]) {
     by_scatter(rows);
+    let shared = match way {
+        Way::Ahead | Way::Oblique => SHARED,
+        Way::Aside | Way::Turn => SHARED_ACROSS,
+    };
     for row in rows {
         let Fit {
             coefficient,
@@ -205,21 +209,11 @@ impl Found {
             let row = |n| row(Way::Oblique, speed, ratios(n));
             found.oblique.push([row(0)?, row(1)?]);
         }
-        for (rows, shared) in [
-            (&mut found.ahead, SHARED),
-            (&mut found.aside, SHARED_ACROSS),
-        ] {
-            widen(&mut rows.iter_mut().collect::<Vec<_>>(), shared);
-        }
+        widen(Way::Ahead, &mut found.ahead.iter_mut().collect::<Vec<_>>());
+        widen(Way::Aside, &mut found.aside.iter_mut().collect::<Vec<_>>());
         for n in [0, 1] {
-            widen(
-                &mut found
-                    .oblique
-                    .iter_mut()
-                    .map(|row| &mut row[n])
-                    .collect::<Vec<_>>(),
-                SHARED,
-            );
+            let rows = found.oblique.iter_mut().map(|row| &mut row[n]);
+            widen(Way::Oblique, &mut rows.collect::<Vec<_>>());
         }
         Ok(found)
     }

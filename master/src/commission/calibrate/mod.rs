@@ -267,7 +267,7 @@ fn turned(
         row.fit.coefficient = coefficient;
         out.push(row);
     }
-    fit::widen(&mut out.iter_mut().collect::<Vec<_>>(), fit::SHARED_ACROSS);
+    fit::widen(Way::Turn, &mut out.iter_mut().collect::<Vec<_>>());
     Ok((out, errors))
 }
 
