@@ -154,7 +154,11 @@ impl Checker<'_> {
     pub fn robots_accept(&self, group: &GroupFile, tree: &DeTable<'_>) {
         let mut slowest = Slowest::NONE;
         for (index, robot) in group.robots.iter().enumerate() {
-            match of_values(parameters(group, robot, true), robot.node) {
+            // What an identified robot keeps is not in the file. It accepted that, so the file's
+            // own motors stand for it.
+            let mut whole = robot.clone();
+            whole.control.identified = false;
+            match of_values(parameters(group, &whole, true), robot.node) {
                 Ok(configuration) => {
                     let fastest = |unit| configuration.drivetrain.fastest(unit).into();
                     slowest.add(robot, fastest);

@@ -281,7 +281,15 @@ fn completions_and_help() {
     let bash = omnibus(&["completions", "bash"]);
     let text = String::from_utf8(bash.stdout).unwrap();
     assert!(text.contains("bus-load") && text.contains("complete -F"));
-    check("help", &transcript(&["--help"]));
+    // Without the commands that only some builds have.
+    let help = transcript(&["--help"]);
+    let usual = |line: &&str| {
+        !["  vda5050 ", "  ros "]
+            .iter()
+            .any(|name| line.starts_with(name))
+    };
+    let usual: Vec<&str> = help.lines().filter(usual).collect();
+    check("help", &usual.join("\n"));
     for command in [
         "scan",
         "status",
