@@ -114,50 +114,11 @@ impl SyncClock {
         self.locked.then_some(self.at)
     }
 
-    /// The grid of the ticks, of which a period has this many.
-    fn grid(&self, ticks: u32) -> Option<Grid> {
-        self.locked.then(|| Grid {
-            at: self.at,
-            rest: self.rest,
-            drift: self.drift.checked_div(ticks.cast_signed()).unwrap_or(0),
-        })
-    }
-
     /// Apparent excess of SYNC's period over nominal, us: the crystals' difference.
     #[must_use]
     #[expect(clippy::cast_precision_loss, reason = "some hundred us in 24 bits")]
     pub const fn drift_us(&self) -> f32 {
         self.drift as f32 / (1 << FRACTION) as f32
-    }
-}
-
-/// Where the ticks of all members lie, in this member's time.
-#[derive(Clone, Copy, PartialEq, Debug)]
-struct Grid {
-    /// A point of the grid, whole microseconds.
-    at: Micros,
-    /// And the rest, in steps of 2^-20 us.
-    rest: i32,
-    /// By how much the common tick is longer than one of this member's, in the same steps.
-    drift: i32,
-}
-
-impl Grid {
-    /// How far after a point of the grid a time lies, us.
-    #[expect(
-        clippy::cast_possible_truncation,
-        reason = "at most the ticks of eight periods of 200 ms, times 500 ppm of a tick"
-    )]
-    fn past(&self, at: Micros, most_ticks: u32) -> u32 {
-        // The low halves suffice for an hour's difference, and a 64-bit remainder is slow on a
-        // 32-bit machine. A second is added first, because the grid may lie a little ahead.
-        let since = (at.0 as u32)
-            .wrapping_sub(self.at.0 as u32)
-            .wrapping_add(1_000 * TICK_US);
-        let ticks = (since / TICK_US).saturating_sub(1_000).min(most_ticks);
-        let later = self.rest + ticks.cast_signed() * self.drift;
-        let later_us = (later + (1 << (FRACTION - 1))) >> FRACTION;
-        since.wrapping_sub(later_us.cast_unsigned())
     }
 }
 
@@ -167,8 +128,8 @@ pub struct TickSchedule {
     clock: SyncClock,
     period_us: u32,
     last_sync: Micros,
-    /// The grid that the ticks follow.
-    grid: Option<Grid>,
+    /// A point of the grid that the ticks follow.
+    grid: Option<Micros>,
     /// The ticks follow the clock's estimate from here on; until then they follow the grid.
     follows_at: Micros,
 }
@@ -206,30 +167,35 @@ impl TickSchedule {
         }
     }
 
-    /// Ticks between two SYNCs.
-    const fn ticks(&self) -> u32 {
-        self.period_us / TICK_US
-    }
-
     /// When the tick after the one at `due` begins: a period later, moved by at most
     /// [`MAX_SHIFT_US`] towards the common grid.
     #[must_use]
     pub fn next(&mut self, due: Micros) -> Micros {
         let next = due + Micros(TICK_US.into());
         if self.grid.is_none() || due >= self.follows_at {
-            self.grid = self.clock.grid(self.ticks());
+            self.grid = self.clock.estimate();
         }
         let Some(grid) = self.grid else {
             return next;
         };
-        let bridged = MAX_GAP * self.ticks();
-        let past = grid.past(next, bridged).wrapping_sub(TICK_PHASE) % TICK_US;
+        // Distance past the last grid point. The low halves suffice for an hour's difference, and a
+        // 64-bit remainder is slow on a 32-bit machine. A second is added first, because the grid
+        // may lie a little ahead.
+        let since_grid = low(next)
+            .wrapping_sub(low(grid))
+            .wrapping_add(1_000 * TICK_US);
+        let past = since_grid.wrapping_sub(TICK_PHASE) % TICK_US;
         if past < TICK_US / 2 {
             next - Micros(u64::from(past.min(MAX_SHIFT_US)))
         } else {
             next + Micros(u64::from((TICK_US - past).min(MAX_SHIFT_US)))
         }
     }
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "that is the point")]
+const fn low(at: Micros) -> u32 {
+    at.0 as u32
 }
 
 #[cfg(test)]
@@ -330,21 +296,21 @@ mod tests {
         worst as f64 * 1e-3
     }
 
-    /// Each tick is rounded to 1 us in both, half of it either way: 1 us. The rest is what rounding
-    /// of the reception and the jitter leave in the two estimates.
+    /// Each estimate, and each tick, is rounded to 1 us in both; the rest is what the jitter leaves
+    /// of the crystals' difference.
     #[test]
-    fn members_100_ppm_apart_tick_within_2_us_under_jitter_of_1_5_ms() {
+    fn members_100_ppm_apart_tick_within_5_us_under_jitter_of_1_5_ms() {
         let skew = worst_skew(1.5e6, 0, 5);
         std::println!("worst skew over 60 s with 1.5 ms of SYNC jitter: {skew:.1} us");
-        assert!(skew < 2.0, "{skew} us");
+        assert!(skew < 5.0, "{skew} us");
     }
 
     #[test]
-    fn without_jitter_they_tick_within_2_us() {
-        // Rounding of reception time and tick. The loop's time constant is 64 SYNCs; the 0.5 us a
-        // period of either crystal are learnt to 1 % after seven of them.
+    fn without_jitter_they_tick_within_3_us() {
+        // Rounding of reception time, estimate and tick to 1 us each. The loop's time constant is
+        // 64 SYNCs; the 0.5 us a period of either crystal are learnt to 1 % after seven of them.
         let skew = worst_skew(0.0, 0, 5);
-        assert!(skew < 2.0, "{skew} us");
+        assert!(skew < 3.0, "{skew} us");
     }
 
     #[test]
