@@ -7,6 +7,7 @@ SocketCAN itself needs a kernel that has it: see `tests/socketcan`.
 import json
 import os
 import pathlib
+import queue
 import signal
 import socket
 import subprocess
@@ -71,8 +72,12 @@ class Served(unittest.TestCase):
                     self.assertEqual(node.sdo[0x1008].raw, "Omnibus robot")
                     node.sdo[0x2011][1].raw = -1.5
                     self.assertEqual(node.sdo[0x2011][1].raw, -1.5)
+                    # `wait_for_bootup` forgets a message that came before it.
+                    states = queue.SimpleQueue()
+                    node.nmt.add_heartbeat_callback(states.put)
                     node.nmt.send_command(0x82)
-                    node.nmt.wait_for_bootup(PATIENCE)
+                    while states.get(timeout=PATIENCE) != 0:
+                        pass
                 finally:
                     network.disconnect()
 
