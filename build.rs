@@ -179,14 +179,14 @@ SECTIONS
 
 /// Builds the boot code, a program of its own for the same processor, as `boot.bin`.
 ///
-/// It is built in a folder of its own, because this build holds the lock on the other one, and with
-/// its own flags: what wraps or changes this build (clippy, coverage) is not for it.
+/// It is built in another folder, because this build holds the lock on its own, and with its own
+/// flags: what wraps or changes this build (clippy, coverage) is not for it.
 fn boot_code(out: &Path) {
     for path in ["boot", "Cargo.lock", "src/board/memory.rs"] {
         println!("cargo::rerun-if-changed={path}");
     }
     println!("cargo::rerun-if-env-changed=OMNIBUS_PUBLIC_KEY");
-    let folder = out.join("boot");
+    let folder = boot_folder(out);
     let target = env::var("TARGET").expect("cargo sets TARGET");
     let mut cargo = Command::new(env::var_os("CARGO").expect("cargo sets CARGO"));
     cargo
@@ -199,6 +199,7 @@ fn boot_code(out: &Path) {
         "CARGO_ENCODED_RUSTFLAGS",
         "RUSTC_WRAPPER",
         "RUSTC_WORKSPACE_WRAPPER",
+        "CARGO_BUILD_BUILD_DIR",
     ] {
         cargo.env_remove(variable);
     }
@@ -209,4 +210,17 @@ fn boot_code(out: &Path) {
     }
     let code = folder.join(target).join(BOOT_PROFILE).join(BOOT);
     fs::copy(code, out.join("boot.bin")).expect("the boot code can be copied to OUT_DIR");
+}
+
+/// Where the boot code is built: one folder for the images of all boards, beside the results of
+/// this build, so that it is compiled once. A key of somebody's own has one per image, where no
+/// other build can replace the result before it is copied.
+fn boot_folder(out: &Path) -> PathBuf {
+    let has_key = env::var_os("OMNIBUS_PUBLIC_KEY").is_some();
+    // The file that cargo marks the folder of its results with.
+    let results = out.ancestors().find(|at| at.join("CACHEDIR.TAG").is_file());
+    match results {
+        Some(results) if !has_key => results.join("boot-code"),
+        _ => out.join("boot"),
+    }
 }

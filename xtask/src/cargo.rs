@@ -42,6 +42,21 @@ pub fn tested(subcommand: &str) -> Command {
     command
 }
 
+/// Folder of an image other than the shipped one: each has its own, so that none is mistaken for
+/// another or replaces it.
+pub fn variant_folder(name: &str) -> PathBuf {
+    target_folder().join("variants").join(name)
+}
+
+/// Has a command put its results there. What it compiles on the way lies where everything does, so
+/// that variants share their libraries.
+pub fn variant<'a>(command: &'a mut Command, name: &str) -> &'a mut Command {
+    command
+        .env("CARGO_BUILD_BUILD_DIR", target_folder())
+        .arg("--target-dir")
+        .arg(variant_folder(name))
+}
+
 /// Runs a command to its end.
 pub fn run(command: &mut Command) -> anyhow::Result<()> {
     let name = command.get_program().to_string_lossy().into_owned();

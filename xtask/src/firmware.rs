@@ -120,7 +120,7 @@ impl From<group::StageKind> for Wheels {
 pub fn build(scalar: Scalar) -> anyhow::Result<PathBuf> {
     match scalar {
         Scalar::F32 => build_as(Board::NucleoF446re, |_| ()),
-        Scalar::Fixed => build_variant(Board::NucleoF446re, |command| {
+        Scalar::Fixed => build_variant(Board::NucleoF446re, "fixed-point", |command| {
             command.args(["--features", "fixed-point"]);
         }),
     }
@@ -128,14 +128,14 @@ pub fn build(scalar: Scalar) -> anyhow::Result<PathBuf> {
 
 /// Builds the bench image for use with a debugger, which never drives.
 pub fn build_bench() -> anyhow::Result<PathBuf> {
-    build_variant(Board::NucleoF446re, |command| {
+    build_variant(Board::NucleoF446re, "bench", |command| {
         command.args(["--features", "bench"]);
     })
 }
 
 /// Builds the self-test image for bare boards, which is no robot.
 pub fn build_self_test() -> anyhow::Result<PathBuf> {
-    build_variant(Board::NucleoF446re, |command| {
+    build_variant(Board::NucleoF446re, "self-test", |command| {
         command.args(["--features", "self-test"]);
     })
 }
@@ -146,19 +146,19 @@ pub fn build_slot_b(board: Board, wheels: Wheels) -> anyhow::Result<PathBuf> {
         board != Board::KitF103rc,
         "a kit-f103rc has no second slot: it takes no update over the bus"
     );
-    let wheels = wheels.feature(board)?;
-    build_variant(board, |command| {
-        command.args(["--no-default-features", "--features", board.feature()]);
-        let others = ["slot-b"].into_iter().chain(wheels);
-        others.for_each(|feature| {
-            command.args(["--features", feature]);
-        });
+    let features: Vec<&str> = [board.feature(), "slot-b"]
+        .into_iter()
+        .chain(wheels.feature(board)?)
+        .collect();
+    build_variant(board, &features.join("-"), |command| {
+        command.args(["--no-default-features", "--features", &features.join(",")]);
     })
 }
 
 /// Builds an image whose control tick has a period other than a millisecond, for measurements.
 pub fn build_with_tick(period_us: u32) -> anyhow::Result<PathBuf> {
-    build_variant(Board::NucleoF446re, |command| {
+    let name = format!("tick-{period_us}-us");
+    build_variant(Board::NucleoF446re, &name, |command| {
         command.env("OMNIBUS_TICK_US", period_us.to_string());
     })
 }
@@ -167,7 +167,7 @@ pub fn build_with_tick(period_us: u32) -> anyhow::Result<PathBuf> {
 pub fn build_for(board: Board) -> anyhow::Result<PathBuf> {
     match board {
         Board::NucleoF446re => build(Scalar::F32),
-        other => build_variant(other, |command| {
+        other => build_variant(other, other.feature(), |command| {
             command.args(["--no-default-features", "--features", other.feature()]);
         }),
     }
@@ -191,9 +191,7 @@ const SKETCH: &str = "board-nucleo-g474re";
 /// robots, does not.
 fn build_sketch() -> anyhow::Result<()> {
     let elf = compile(cargo::TARGET, |command| {
-        command
-            .arg("--target-dir")
-            .arg(cargo::target_folder().join("variants"))
+        cargo::variant(command, "sketch")
             .args(["--no-default-features", "--features", SKETCH])
             .args(["--features", "sketch"]);
     })?;
@@ -240,8 +238,6 @@ pub fn build_all_boards() -> anyhow::Result<()> {
 fn refuse(error: &str, features: &[&str]) -> anyhow::Result<()> {
     let output = cargo::command()
         .args(["check", "--release", "--package", BINARY, "--bin", BINARY])
-        .arg("--target-dir")
-        .arg(cargo::target_folder().join("variants"))
         .args(features)
         .output()
         .context("cannot start cargo")?;
@@ -261,7 +257,7 @@ fn refuse(error: &str, features: &[&str]) -> anyhow::Result<()> {
 /// Builds the release image for a board and what turns the wheels.
 pub fn build_with(board: Board, wheels: Wheels) -> anyhow::Result<PathBuf> {
     match wheels.feature(board)? {
-        Some(feature) => build_variant(board, |command| {
+        Some(feature) => build_variant(board, feature, |command| {
             command.args(["--features", feature]);
         }),
         None => build_for(board),
@@ -295,14 +291,14 @@ pub fn build_for_group(group: &group::GroupFile, folder: &Path) -> anyhow::Resul
     Ok(())
 }
 
-/// An image other than the shipped one. It has a separate folder, so that it cannot be mistaken for
-/// the shipped one.
-fn build_variant(board: Board, change: impl FnOnce(&mut Command)) -> anyhow::Result<PathBuf> {
+/// An image other than the shipped one, for which its name stands.
+fn build_variant(
+    board: Board,
+    name: &str,
+    change: impl FnOnce(&mut Command),
+) -> anyhow::Result<PathBuf> {
     build_as(board, |command| {
-        command
-            .arg("--target-dir")
-            .arg(cargo::target_folder().join("variants"));
-        change(command);
+        change(cargo::variant(command, name));
     })
 }
 

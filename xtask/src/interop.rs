@@ -15,6 +15,7 @@ use std::process::{Child, Command, Stdio};
 use anyhow::{Context as _, bail};
 use omnibus::report::Scalar;
 
+use crate::programs::{self, Program};
 use crate::{cargo, firmware, release};
 
 /// Options of `cargo xtask interop`.
@@ -34,19 +35,18 @@ const ROBOT_TESTS: [&str; 5] = [
     "test_lock",
 ];
 
-/// What drives a master, with simulated robots.
-const MASTER_TESTS: [&str; 8] = [
-    "test_page",
-    "test_live",
-    "test_recording",
-    "test_foreign",
-    "test_mujoco",
-    "test_ros",
-    "test_ros_fast",
-    "test_vda5050",
-];
+/// Updates and the emulator's own ways in.
+const UPDATE_TESTS: [&str; 3] = ["test_emulate", "test_update", "test_update_command"];
 
-/// Builds everything, then runs every test; one that fails does not hide those after it.
+/// What drives a master with simulated robots: from its page and with its files.
+const PAGE_TESTS: [&str; 4] = ["test_page", "test_live", "test_recording", "test_foreign"];
+
+/// The same, with simulators and fleets of others. Those of ROS 2 are in one row, because they may
+/// choose one domain.
+const DOOR_TESTS: [&str; 4] = ["test_mujoco", "test_ros", "test_ros_fast", "test_vda5050"];
+
+/// Builds everything, then runs every test, in three rows: nearly all of them wait for what happens
+/// in real time. One that fails does not hide the others.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let tests = cargo::root().join("tests/interop");
     system_packages()?;
@@ -83,44 +83,31 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             .env("OMNIBUS_LOGS", &logs);
         command
     };
-    let mut failed = Vec::new();
-    let mut run = |name: String, command: &mut Command| {
-        println!("{name}");
-        if let Err(error) = cargo::run(command) {
-            eprintln!("{error:#}");
-            failed.push(name);
-        }
-    };
-    let mut batch = |files: &[&str], backend: &str, cable: bool| {
+    let batch = |files: &[&str], backend: &str, cable: bool| {
         let at_the_cable = if cable { ", at the robot's cable" } else { "" };
         let mut command = python_tests(files, backend);
         if cable {
             command.env("OMNIBUS_CABLE", "1");
         }
-        run(
-            format!("{backend}{at_the_cable}: {}", files.join(", ")),
-            &mut command,
-        );
+        let name = format!("{backend}{at_the_cable}: {}", files.join(", "));
+        Program::new(name, command)
     };
+    let mut robots = Vec::new();
     for backend in ["native", "emulator"] {
         if arguments
             .backend
             .as_deref()
             .is_none_or(|one| one == backend)
         {
-            batch(&ROBOT_TESTS, backend, false);
+            robots.push(batch(&ROBOT_TESTS, backend, false));
         }
     }
     if arguments.backend.as_deref() != Some("native") {
-        batch(&["test_robot", "test_dictionary"], "emulator", true);
+        robots.push(batch(&["test_robot", "test_dictionary"], "emulator", true));
     }
-    batch(
-        &["test_emulate", "test_update", "test_update_command"],
-        "emulator",
-        false,
-    );
-    batch(&["test_log"], "logs", false);
-    batch(&MASTER_TESTS, "native", false);
+    // Reads what those before it have logged.
+    robots.push(batch(&["test_log"], "logs", false));
+    robots.push(batch(&UPDATE_TESTS, "emulator", false));
     for (file, example) in [("test_device.py", "interop"), ("test_client.py", "sdo")] {
         let mut command = Command::new(&python);
         command
@@ -128,12 +115,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             .arg("-B")
             .arg(Path::new("canopen/interop").join(file))
             .arg(built.join("examples").join(example));
-        run(format!("canopen: {file}"), &mut command);
+        robots.push(Program::new(format!("canopen: {file}"), command));
     }
-    if failed.is_empty() {
-        return Ok(());
-    }
-    bail!("failed: {}", failed.join("; "))
+    let master = |file: &str| batch(&[file], "native", false);
+    programs::in_rows([
+        robots,
+        PAGE_TESTS.map(master).into(),
+        DOOR_TESTS.map(master).into(),
+    ])
 }
 
 /// Has a multi-body simulation say how many of a calibration's intervals hold.

@@ -18,6 +18,7 @@ mod faults;
 mod firmware;
 mod flash;
 mod interop;
+mod programs;
 mod release;
 mod size_canopen;
 mod socketcan;

@@ -15,22 +15,23 @@ use crate::{cargo, firmware};
 const FLASH_MAX: u64 = 18 * 1024;
 const RAM_MAX: u64 = 3 * 1024;
 
+/// The feature that puts the stub in.
+const WITHOUT: &str = "without-canopen";
+
 /// Start of the RAM (RM0390 rev 6, 2.4).
 const RAM_ORIGIN: u64 = 0x2000_0000;
 
 /// Builds both, prints both and the difference, and fails if that is too much.
 pub fn run() -> anyhow::Result<()> {
     let with = size(&firmware::build(Scalar::F32)?)?;
-    // Where the libraries of other variants lie.
-    let folder = cargo::target_folder().join("variants");
     cargo::run(
-        cargo::command()
+        cargo::variant(&mut cargo::command(), WITHOUT)
             .args(["build", "--quiet", "--release", "--bin", "omnibus-firmware"])
-            .args(["--target", cargo::TARGET, "--features", "without-canopen"])
-            .arg("--target-dir")
-            .arg(&folder),
+            .args(["--target", cargo::TARGET, "--features", WITHOUT]),
     )?;
-    let elf = folder.join(cargo::TARGET).join("release/omnibus-firmware");
+    let elf = cargo::variant_folder(WITHOUT)
+        .join(cargo::TARGET)
+        .join("release/omnibus-firmware");
     let without = size(&elf)?;
     let costs = [0, 1].map(|of| with[of].saturating_sub(without[of]));
     println!("{:<24} {:>8} {:>8}", "bytes", "flash", "RAM");

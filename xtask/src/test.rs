@@ -1,12 +1,11 @@
 //! `cargo xtask test`: all tests, those that run the image included.
 
-use std::path::{Path, PathBuf};
-use std::process::{Child, Stdio};
+use std::path::PathBuf;
 
-use anyhow::Context as _;
 use omnibus::report::Scalar;
 
 use crate::firmware::{Board, Wheels};
+use crate::programs::{self, Program};
 use crate::{cargo, firmware};
 
 /// The libraries whose tests are run once more in fixed point.
@@ -18,17 +17,6 @@ const FIXED_TESTS: [&str; 6] = [
     "--lib",
     "--tests",
 ];
-
-/// Starts the build of all tests. It runs beside the builds of the images, whose last parts use one
-/// core, and says nothing: the tests' own run repeats it and reports what does not compile.
-fn start_build() -> Option<Child> {
-    cargo::tested("test")
-        .args(["--quiet", "--no-run"])
-        .stdout(Stdio::null())
-        .stderr(Stdio::null())
-        .spawn()
-        .ok()
-}
 
 /// Runs the tests of a board: all of the workspace for the reference board.
 pub fn run(board: Board, rest: &[String]) -> anyhow::Result<()> {
@@ -83,60 +71,68 @@ fn run_system<const N: usize>(
 
 /// The kit's image.
 fn kit() -> anyhow::Result<PathBuf> {
-    copy(&firmware::build_for(Board::KitF103rc)?, "kit")
+    firmware::build_for(Board::KitF103rc)
 }
 
 /// Board C's images for slot A and slot B.
 fn board_c() -> anyhow::Result<[PathBuf; 2]> {
-    let a = copy(&firmware::build_for(Board::RobomasterC)?, "board-c")?;
-    let b = firmware::build_slot_b(Board::RobomasterC, Wheels::SmartDrives)?;
-    Ok([a, copy(&b, "board-c-slot-b")?])
-}
-
-/// A copy of an image that stays: each variant replaces the one before it in the same folder.
-fn copy(elf: &Path, extension: &str) -> anyhow::Result<PathBuf> {
-    let to = elf.with_extension(extension);
-    std::fs::copy(elf, &to).with_context(|| format!("cannot write {}", to.display()))?;
-    Ok(to)
+    Ok([
+        firmware::build_for(Board::RobomasterC)?,
+        firmware::build_slot_b(Board::RobomasterC, Wheels::SmartDrives)?,
+    ])
 }
 
 /// Builds the firmware for both scalars, then runs all tests of the workspace with their paths at
-/// hand, and those of the control side in fixed point.
+/// hand, and those of the control side in fixed point. With arguments for `cargo test`, that runs
+/// what they select.
 fn run_all(rest: &[String]) -> anyhow::Result<()> {
-    let tests = rest.is_empty().then(start_build).flatten();
-    let elf = firmware::build(Scalar::F32)?;
-    let bench = copy(&firmware::build_bench()?, "bench")?;
-    let self_test = copy(&firmware::build_self_test()?, "self-test")?;
+    if !rest.is_empty() {
+        let mut command = cargo::tested("test");
+        command.arg("--no-fail-fast").args(rest).envs(images()?);
+        return cargo::run(&mut command);
+    }
+    // The last parts of an image's build use one core: the tests are built beside.
+    let tests = std::thread::spawn(tests);
+    let images = images()?;
+    let tests = tests.join().map_err(std::panic::resume_unwind)?;
+    programs::on_all_cores(tests?, &images)
+}
+
+/// All test programs, built, and the tests in documents.
+fn tests() -> anyhow::Result<Vec<Program>> {
+    let mut documents = cargo::tested("test");
+    documents.arg("--doc");
+    let mut all = vec![Program::new("documents", documents)];
+    all.extend(programs::build(&mut cargo::tested("test"))?);
+    let mut fixed = cargo::command();
+    fixed.arg("test").args(FIXED_TESTS);
+    all.extend(programs::build(&mut fixed)?);
+    Ok(all)
+}
+
+/// Builds the images that tests run, and returns their paths with the names that tests ask for.
+fn images() -> anyhow::Result<Vec<(&'static str, PathBuf)>> {
     let board = Board::NucleoF446re;
-    let slot_b = firmware::build_slot_b(board, Wheels::Bridges)?;
-    let slot_b = copy(&slot_b, "slot-b")?;
-    let drives = firmware::build_with(board, Wheels::SmartDrives)?;
-    let drives = copy(&drives, "drives")?;
-    let two_pwms = firmware::build_with(board, Wheels::TwoPwms)?;
-    let two_pwms = copy(&two_pwms, "two-pwms")?;
     let [board_c, board_c_slot_b] = board_c()?;
-    let kit = kit()?;
-    let fixed = firmware::build(Scalar::Fixed)?;
-    if let Some(mut build) = tests {
-        build.wait().context("the build of the tests")?;
-    }
-    let mut command = cargo::tested("test");
-    command
-        .arg("--no-fail-fast")
-        .args(rest)
-        .env("OMNIBUS_ELF", elf)
-        .env("OMNIBUS_ELF_FIXED", fixed)
-        .env("OMNIBUS_ELF_BENCH", bench)
-        .env("OMNIBUS_ELF_DRIVES", drives)
-        .env("OMNIBUS_ELF_TWO_PWMS", two_pwms)
-        .env("OMNIBUS_ELF_BOARD_C", board_c)
-        .env("OMNIBUS_ELF_KIT", kit)
-        .env("OMNIBUS_ELF_BOARD_C_SLOT_B", board_c_slot_b)
-        .env("OMNIBUS_ELF_SELF_TEST", self_test)
-        .env("OMNIBUS_ELF_SLOT_B", slot_b);
-    cargo::run(&mut command)?;
-    if rest.is_empty() {
-        cargo::run(cargo::command().args(["test", "--quiet"]).args(FIXED_TESTS))?;
-    }
-    Ok(())
+    Ok(vec![
+        ("OMNIBUS_ELF", firmware::build(Scalar::F32)?),
+        ("OMNIBUS_ELF_FIXED", firmware::build(Scalar::Fixed)?),
+        ("OMNIBUS_ELF_BENCH", firmware::build_bench()?),
+        (
+            "OMNIBUS_ELF_DRIVES",
+            firmware::build_with(board, Wheels::SmartDrives)?,
+        ),
+        (
+            "OMNIBUS_ELF_TWO_PWMS",
+            firmware::build_with(board, Wheels::TwoPwms)?,
+        ),
+        ("OMNIBUS_ELF_BOARD_C", board_c),
+        ("OMNIBUS_ELF_KIT", kit()?),
+        ("OMNIBUS_ELF_BOARD_C_SLOT_B", board_c_slot_b),
+        ("OMNIBUS_ELF_SELF_TEST", firmware::build_self_test()?),
+        (
+            "OMNIBUS_ELF_SLOT_B",
+            firmware::build_slot_b(board, Wheels::Bridges)?,
+        ),
+    ])
 }

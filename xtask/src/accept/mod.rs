@@ -251,18 +251,11 @@ fn behind_an_adapter(
     Ok(checks)
 }
 
-/// The images, built where none were given. Variants are built in one place, so what is built
-/// there is copied.
+/// The images, built where none were given.
 fn paths(arguments: &Arguments) -> anyhow::Result<Paths> {
     let self_test = match &arguments.self_test {
         Some(path) => path.clone(),
-        None => {
-            let built = firmware::build_self_test()?;
-            let copy = built.with_extension("self-test");
-            std::fs::copy(&built, &copy)
-                .with_context(|| format!("cannot write {}", copy.display()))?;
-            copy
-        }
+        None => firmware::build_self_test()?,
     };
     let shipped = match &arguments.image {
         Some(path) => path.clone(),

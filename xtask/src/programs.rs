@@ -1,0 +1,173 @@
+//! Test programs, run side by side.
+//!
+//! `cargo test` runs one test program after the other, and what is slow in most of them is a single
+//! test: a core would stand idle. Here each core has a program of its own, which runs its tests one
+//! by one. Tests that mostly wait, as those with third-party software, run in rows instead. What a
+//! program says is printed when it has ended, so that two never mix.
+
+use std::collections::VecDeque;
+use std::io::Read as _;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::sync::Mutex;
+use std::time::Instant;
+
+use anyhow::{Context as _, bail, ensure};
+
+/// Programs that take longest, the longest first: begun last, one of them would run alone.
+const LONGEST: [&str; 8] = [
+    "level_one",
+    "update_bus",
+    "documented_calibration",
+    "calibrate",
+    "operating",
+    "gateway",
+    "faults",
+    "storage",
+];
+
+/// A command that tests something.
+pub struct Program {
+    name: String,
+    command: Command,
+}
+
+impl Program {
+    /// Any command.
+    pub fn new(name: impl Into<String>, command: Command) -> Self {
+        let name = name.into();
+        Self { name, command }
+    }
+
+    /// Runs it to its end: what it has said, and whether it succeeded.
+    fn run(&mut self) -> anyhow::Result<(String, bool)> {
+        let (mut said, says) = std::io::pipe()?;
+        self.command
+            .stdin(Stdio::null())
+            .stdout(says.try_clone()?)
+            .stderr(says);
+        let mut child = self.command.spawn()?;
+        // The command holds this side of the pipe, which ends when all its holders have.
+        self.command.stdout(Stdio::null()).stderr(Stdio::null());
+        let mut text = Vec::new();
+        said.read_to_end(&mut text)?;
+        let succeeded = child.wait()?.success();
+        Ok((String::from_utf8_lossy(&text).into_owned(), succeeded))
+    }
+}
+
+/// Builds what a `cargo test` command would run, and returns it.
+pub fn build(command: &mut Command) -> anyhow::Result<Vec<Program>> {
+    let output = command
+        .args(["--no-run", "--message-format=json-render-diagnostics"])
+        .stderr(Stdio::inherit())
+        .output()
+        .context("cannot start cargo")?;
+    ensure!(
+        output.status.success(),
+        "the tests do not build; the compiler's messages are above"
+    );
+    let messages = String::from_utf8_lossy(&output.stdout);
+    Ok(messages.lines().filter_map(program).collect())
+}
+
+/// The test program that a message of cargo names.
+fn program(message: &str) -> Option<Program> {
+    let message: serde_json::Value = serde_json::from_str(message).ok()?;
+    if message["profile"]["test"] != true {
+        return None;
+    }
+    let executable = PathBuf::from(message["executable"].as_str()?);
+    // Where cargo starts it.
+    let package = Path::new(message["manifest_path"].as_str()?).parent()?;
+    let folder = package.file_name()?.to_string_lossy();
+    let target = message["target"]["name"].as_str()?;
+    let is_test = message["target"]["kind"][0] == "test";
+    let name = if is_test {
+        format!("{folder}: {target}")
+    } else {
+        format!("{folder}: units of {target}")
+    };
+    let mut command = Command::new(executable);
+    command.current_dir(package);
+    if std::env::var_os("RUST_TEST_THREADS").is_none() {
+        command.env("RUST_TEST_THREADS", "1");
+    }
+    Some(Program { name, command })
+}
+
+/// Runs all of them, each in this environment: as many at a time as there are cores.
+pub fn on_all_cores(
+    mut programs: Vec<Program>,
+    environment: &[(&str, PathBuf)],
+) -> anyhow::Result<()> {
+    for program in &mut programs {
+        program.command.envs(environment.iter().cloned());
+    }
+    let cores = std::thread::available_parallelism()?.get();
+    let all = programs.len();
+    let waiting = Mutex::new(longest_first(programs).into());
+    run(&vec![&waiting; cores], all)
+}
+
+/// Runs rows of programs side by side, each program after those before it in its row.
+pub fn in_rows<const N: usize>(rows: [Vec<Program>; N]) -> anyhow::Result<()> {
+    let all = rows.iter().map(Vec::len).sum();
+    let rows = rows.map(|row| Mutex::new(row.into()));
+    run(&rows.each_ref(), all)
+}
+
+/// Takes programs, `all` in number, from these queues, one at a time from each, until they are
+/// empty. One that fails does not hide the others.
+fn run(queues: &[&Mutex<VecDeque<Program>>], all: usize) -> anyhow::Result<()> {
+    let failed = Mutex::new(Vec::new());
+    let ended = Mutex::new(0);
+    std::thread::scope(|scope| {
+        for queue in queues {
+            scope.spawn(|| {
+                while let Some(mut program) = next(queue) {
+                    let begin = Instant::now();
+                    let outcome = program.run();
+                    let seconds = begin.elapsed().as_secs_f64();
+                    let (said, succeeded) =
+                        outcome.unwrap_or_else(|error| (format!("{error:#}\n"), false));
+                    let name = program.name;
+                    let mut ended = lock(&ended);
+                    *ended += 1;
+                    println!("-- {name}: {seconds:.1} s ({ended} of {all})\n{said}");
+                    drop(ended);
+                    if !succeeded {
+                        lock(&failed).push(name);
+                    }
+                }
+            });
+        }
+    });
+    let failed = lock(&failed);
+    if !failed.is_empty() {
+        bail!("failed: {}", failed.join("; "));
+    }
+    Ok(())
+}
+
+/// The longest first, the others as they come.
+fn longest_first(mut programs: Vec<Program>) -> Vec<Program> {
+    let place = |program: &Program| {
+        let target = program.name.rsplit(' ').next();
+        let place = LONGEST.iter().position(|name| Some(*name) == target);
+        place.unwrap_or(LONGEST.len())
+    };
+    programs.sort_by_key(place);
+    programs
+}
+
+fn next(waiting: &Mutex<VecDeque<Program>>) -> Option<Program> {
+    lock(waiting).pop_front()
+}
+
+/// Nothing that holds one of these mutexes panics but at a closed standard output.
+fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
+    mutex
+        .lock()
+        .unwrap_or_else(std::sync::PoisonError::into_inner)
+}
