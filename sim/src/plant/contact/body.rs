@@ -81,6 +81,11 @@ impl Body {
         })
     }
 
+    /// Pose of the centre of mass: of a robot alone its own pose.
+    pub fn pose(&self) -> Pose<f64> {
+        self.pose
+    }
+
     /// Pose of the frame that the members' places are given in.
     pub fn frame(&self) -> Pose<f64> {
         self.pose
