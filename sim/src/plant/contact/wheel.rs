@@ -54,8 +54,8 @@ pub(super) struct Wheels {
     cos: f64,
     /// Rolling radius, settled, m.
     radius: f64,
-    /// Slip velocity at which friction is fully developed, m/s.
-    creep: f64,
+    /// 1 over the slip velocity at which friction is fully developed, s/m.
+    per_creep: f64,
     /// Force across a roller's axle over load and velocity, s/m.
     damping: f64,
     /// What they carry, N.
@@ -155,7 +155,7 @@ impl Wheels {
             sin,
             cos,
             radius: geometry.wheel_radius() * (1.0 - contact.settling),
-            creep: contact.creep,
+            per_creep: 1.0 / contact.creep,
             damping: contact.roller_damping,
             load: Four::ZERO,
             rollers: Rollers::new(contact, geometry),
@@ -175,19 +175,31 @@ impl Wheels {
         pushes: &mut Vec<Pushes>,
     ) {
         self.rollers.stand_on(stand.down, self.load * self.damping);
-        for touch in stand.touches() {
-            pushes.push(self.pushes(touch, rates, friction, dt));
+        for (which, touch) in stand.touches().enumerate() {
+            pushes.push(self.pushes(which, touch, rates, friction, dt));
         }
     }
 
     #[inline(always)]
-    fn pushes(&self, touch: &Touch, rates: Four, friction: Four, dt: f64) -> Pushes {
+    fn pushes(
+        &mut self,
+        which: usize,
+        touch: &Touch,
+        rates: Four,
+        friction: Four,
+        dt: f64,
+    ) -> Pushes {
         let Touch {
             grip, ahead, left, ..
         } = *touch;
         let x = self.x - touch.along * self.sin;
         let y = self.y + touch.along * self.cos;
         let limit = friction * self.load * grip.share;
+        let creeping = (limit * self.per_creep).min(Four::all(STIFFEST));
+        let drag = self.load * self.damping;
+        let (rest, resistance) = self
+            .rollers
+            .resistance(which, &grip, creeping, drag, dt);
         let push = |ahead: Four, left: Four, rest: Four, stiffness: Four| {
             let dx = ahead * self.cos - left * self.sin;
             let dy = ahead * self.sin + left * self.cos;
@@ -206,17 +218,14 @@ impl Wheels {
                 stiffness: grip.share.where_positive(stiffness, Four::ZERO),
             }
         };
-        let creeping = (limit / Four::all(self.creep)).min(Four::all(STIFFEST));
-        let drag = self.load * self.damping;
-        let (rest, resistance) = self.rollers.resistance(&grip, creeping, drag, dt);
         [
             push(ahead, left, Four::ZERO, creeping),
             push(-left, ahead, rest, resistance),
         ]
     }
 
-    /// Turns the rollers on the floor for `dt` by what the floor did to each: the next of `pushes`
-    /// at this velocity of the body.
+    /// Turns the rollers on the floor by what it did to each in a step of `dt`: the next of
+    /// `pushes` at this velocity of the body.
     #[inline(always)]
     pub fn turn_rollers<'a>(
         &mut self,
@@ -225,10 +234,8 @@ impl Wheels {
         velocity: [f64; 3],
         dt: f64,
     ) {
-        let drag = self.load * self.damping;
-        for (touch, [_, across]) in stand.touches().zip(pushes) {
-            let force = across.force(velocity);
-            self.rollers.turn(&touch.grip, force, drag, dt);
+        for ((which, _), [_, across]) in stand.touches().enumerate().zip(pushes) {
+            self.rollers.turn(which, across.force(velocity));
         }
         self.rollers.pass(dt);
     }
