@@ -305,12 +305,22 @@ fn derivatives(
             }
         }
     }
-    let gradient = std::array::from_fn(|k| inertia[k] * (v[k] - before[k]) + gradient[k].sum());
-    let mut curvature = curvature.map(|row| row.map(Four::sum));
+    let (mut gradient, mut curvature) = sums(&gradient, &curvature);
     for k in 0..3 {
+        gradient[k] += inertia[k] * (v[k] - before[k]);
         curvature[k][k] += inertia[k];
     }
     (gradient, curvature)
+}
+
+/// Sums over the wheels. Apart, because next to the loop that adds them up the compiler would make
+/// vectors across these sums rather than of wheels there, and spend its time on moving lanes.
+#[inline(never)]
+fn sums(gradient: &[Four; 3], curvature: &[[Four; 3]; 3]) -> ([f64; 3], [[f64; 3]; 3]) {
+    (
+        gradient.map(Four::sum),
+        curvature.map(|row| row.map(Four::sum)),
+    )
 }
 
 /// Solves a symmetric positive definite system from what is on and below the diagonal, by
