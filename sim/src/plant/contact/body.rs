@@ -201,11 +201,7 @@ fn settle(pushes: &[Push], inertia: [f64; 3], before: [f64; 3]) -> [f64; 3] {
         let step = solve(curvature, gradient);
         let mut part = 1.0;
         let mut next = along(v, step, part);
-        let mut alike = true;
-        for push in pushes {
-            alike &= push.as_limited(v, next);
-        }
-        if alike {
+        if all_as_limited(pushes, v, next) {
             // All the way on one quadratic piece: this is its minimum.
             return next;
         }
@@ -222,6 +218,18 @@ fn settle(pushes: &[Push], inertia: [f64; 3], before: [f64; 3]) -> [f64; 3] {
         (v, cost) = (next, Some(reached));
     }
     v
+}
+
+/// Whether all contacts are [`Push::as_limited`].
+#[inline(always)]
+fn all_as_limited(pushes: &[Push], a: [f64; 3], b: [f64; 3]) -> bool {
+    // Not `all`, which is not always inlined, and so made without vectors.
+    for push in pushes {
+        if !push.as_limited(a, b) {
+            return false;
+        }
+    }
+    true
 }
 
 fn along(v: [f64; 3], step: [f64; 3], part: f64) -> [f64; 3] {
