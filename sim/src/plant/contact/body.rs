@@ -30,10 +30,6 @@ pub(super) struct Body {
     /// In the last step: for each robot what its first rollers did, and its second where it stood
     /// on such.
     pushes: Vec<Pushes>,
-    /// Which of them are whose.
-    owners: Vec<usize>,
-    /// Velocity at its end, in the frame of `pushes`.
-    settled: [f64; 3],
     friction: f64,
     floor: Vec<Patch>,
     /// The centre of mass in the frame the members' places are given in.
@@ -69,8 +65,6 @@ impl Body {
         share_load(&mut robots, mass * GRAVITY)?;
         Ok(Self {
             pushes: Vec::with_capacity(2 * robots.len()),
-            owners: Vec::with_capacity(2 * robots.len()),
-            settled: [0.0; 3],
             robots,
             inertia: [mass, mass, inertia],
             pose: frame.compose(Pose::new(centre.0, centre.1, 0.0)),
@@ -99,13 +93,8 @@ impl Body {
 
     /// What the floor does to a robot's wheels, N·m.
     pub fn floor_torques(&self, robot: usize) -> [f64; 4] {
-        let own = self.pushes.iter().zip(&self.owners);
-        own.filter(|(_, owner)| **owner == robot)
-            .flat_map(|(pushes, _)| pushes)
-            .fold(Four::ZERO, |torques, push| {
-                torques + push.lever * push.force(self.settled)
-            })
-            .0
+        let own = self.robots.iter().find(|wheels| wheels.robot == robot);
+        own.map_or([0.0; 4], |wheels| wheels.torques.0)
     }
 
     /// See [`velocity`](Self::velocity).
@@ -117,8 +106,8 @@ impl Body {
     #[inline(always)]
     pub fn step(&mut self, dt: f64, stands: &[Stand], turned: &[[f64; 4]]) {
         let (sin, cos) = libm::sincos(self.pose.heading + 0.5 * dt * self.velocity[2]);
+        let per_dt = 1.0 / dt;
         self.pushes.clear();
-        self.owners.clear();
         for wheels in &mut self.robots {
             let friction = if self.floor.is_empty() {
                 Four::all(self.friction)
@@ -129,23 +118,21 @@ impl Body {
                     friction_at(&self.floor, x, y).unwrap_or(self.friction)
                 })
             };
-            let rates = Four(turned[wheels.robot]) * (1.0 / dt);
+            let rates = Four(turned[wheels.robot]) * per_dt;
             let stand = &stands[wheels.robot];
             wheels.stand(stand, rates, friction, dt, &mut self.pushes);
-            self.owners.resize(self.pushes.len(), wheels.robot);
         }
         let [vx, vy, omega] = self.velocity;
         let before = [cos * vx + sin * vy, cos * vy - sin * vx, omega];
         let after = settle(
             self.pushes.as_flattened(),
-            self.inertia.map(|m| m / dt),
+            self.inertia.map(|m| m * per_dt),
             before,
         );
         let mut pushes = self.pushes.iter();
         for wheels in &mut self.robots {
             wheels.turn_rollers(&stands[wheels.robot], &mut pushes, after, dt);
         }
-        self.settled = after;
         let [vx, vy, omega] = after;
         self.velocity = [cos * vx - sin * vy, sin * vx + cos * vy, omega];
         self.pose.x += dt * self.velocity[0];

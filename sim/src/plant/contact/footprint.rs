@@ -100,9 +100,7 @@ impl Footprint {
     fn roller(&self, number: Four) -> [u8; 4] {
         // Half a roller on, so that rounding takes none to the turn before.
         let turns = ((number + Four::all(0.5)) * self.per_rollers).floor();
-        (number - turns * self.rollers)
-            .0
-            .map(|number| number as u8)
+        (number - turns * self.rollers).0.map(|number| number as u8)
     }
 
     /// Part of the load that presses further than an angle from the middle: with the parabola `3/4

@@ -39,8 +39,7 @@ pub(super) struct Rollers {
 /// Where the roller on the floor under each wheel touches it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Grip {
-    /// Which one, and its radius there, m.
-    pub roller: [u8; 4],
+    /// Its radius there, m.
     pub radius: Four,
     /// Part of the wheel's load.
     pub share: Four,
@@ -96,7 +95,6 @@ impl Barrel {
         let thinnest = THINNEST * (self.wheel - self.axle);
         let radius = Four::all(self.wheel) - foot.secant * self.axle;
         Grip {
-            roller: foot.roller,
             radius: radius.max(Four::all(thinnest)),
             share: foot.share,
         }
@@ -248,26 +246,28 @@ mod tests {
         Rollers::new(&contact, &geometry)
     }
 
-    /// Wheels each on one roller.
-    fn on(roller: u8, phi: f64) -> Grip {
+    /// Wheels each on one roller: its number, and where.
+    fn on(roller: u8, phi: f64) -> (u8, Grip) {
         let barrel = rollers(Contact::default()).shape;
-        barrel.grip(&Foot {
+        let grip = barrel.grip(&Foot {
             roller: [roller; 4],
             tilt: Four::all(libm::cos(phi)),
             tan: Four::all(libm::tan(phi)),
             secant: Four::all(1.0 / libm::cos(phi)),
             share: Four::ONE,
-        })
+        });
+        (roller, grip)
     }
 
     /// Puts a roller down and lets the floor go by at `speed` under it for `seconds`; the sum of
     /// the floor's impulses, N s.
-    fn spin_up(rollers: &mut Rollers, on: &Grip, speed: f64, drag: f64, seconds: f64) -> f64 {
+    fn spin_up(rollers: &mut Rollers, on: &(u8, Grip), speed: f64, drag: f64, seconds: f64) -> f64 {
         let drag = Four::all(drag);
-        rollers.stand_on(on.roller.map(|number| [number; 2]), drag);
+        let (number, grip) = on;
+        rollers.stand_on([[*number; 2]; 4], drag);
         let mut impulse = Four::ZERO;
         for _ in 0..(seconds / DT).round() as u32 {
-            let (rest, stiffness) = rollers.resistance(0, on, Four::all(GRIP), drag, DT);
+            let (rest, stiffness) = rollers.resistance(0, grip, Four::all(GRIP), drag, DT);
             let force = stiffness * (Four::all(speed) - rest);
             rollers.turn(0, force);
             rollers.pass(DT);
@@ -277,8 +277,8 @@ mod tests {
     }
 
     /// Of the first or second roller on the floor.
-    fn surface(rollers: &Rollers, which: usize, on: &Grip) -> f64 {
-        (rollers.turning[which].rate * on.radius).0[2]
+    fn surface(rollers: &Rollers, which: usize, (_, grip): &(u8, Grip)) -> f64 {
+        (rollers.turning[which].rate * grip.radius).0[2]
     }
 
     /// With 128 rollers half a pitch is 1.4 degrees and a barrel is thinner at its ends by `0.1189
@@ -351,10 +351,8 @@ mod tests {
         let mut rollers = rollers(Contact::default());
         let drag = 12.0;
         for share in [1.0, 0.25] {
-            let foot = Grip {
-                share: Four::all(share),
-                ..on(0, 0.0)
-            };
+            let mut foot = on(0, 0.0);
+            foot.1.share = Four::all(share);
             spin_up(&mut rollers, &foot, 0.7, drag, 0.1);
             let force = spin_up(&mut rollers, &foot, 0.7, drag, DT) / DT;
             let expected = 0.7 / (1.0 / GRIP + 1.0 / (drag * share));

@@ -61,6 +61,8 @@ pub(super) struct Wheels {
     /// What they carry, N.
     pub load: Four,
     rollers: Rollers,
+    /// What the floor did to them in the last step, N·m, if that turns them.
+    pub torques: Four,
     /// What turns with a wheel, kg m^2, if its rate is not its motor's alone.
     inertia: Option<f64>,
 }
@@ -132,14 +134,6 @@ impl Underside {
     }
 }
 
-impl Stand {
-    /// Rollers that carry the wheels: the first of each, and the second where there is one.
-    #[inline(always)]
-    fn touches(&self) -> impl Iterator<Item = &Touch> {
-        std::iter::once(&self.first).chain(&self.other)
-    }
-}
-
 impl Wheels {
     /// The wheels of a robot whose centre is at (`x`, `y`) from the body's centre of mass; no load
     /// yet.
@@ -159,6 +153,7 @@ impl Wheels {
             damping: contact.roller_damping,
             load: Four::ZERO,
             rollers: Rollers::new(contact, geometry),
+            torques: Four::ZERO,
             inertia: contact.wheel_inertia,
         }
     }
@@ -175,8 +170,9 @@ impl Wheels {
         pushes: &mut Vec<Pushes>,
     ) {
         self.rollers.stand_on(stand.down, self.load * self.damping);
-        for (which, touch) in stand.touches().enumerate() {
-            pushes.push(self.pushes(which, touch, rates, friction, dt));
+        pushes.push(self.pushes(0, &stand.first, rates, friction, dt));
+        if let Some(other) = &stand.other {
+            pushes.push(self.pushes(1, other, rates, friction, dt));
         }
     }
 
@@ -197,9 +193,7 @@ impl Wheels {
         let limit = friction * self.load * grip.share;
         let creeping = (limit * self.per_creep).min(Four::all(STIFFEST));
         let drag = self.load * self.damping;
-        let (rest, resistance) = self
-            .rollers
-            .resistance(which, &grip, creeping, drag, dt);
+        let (rest, resistance) = self.rollers.resistance(which, &grip, creeping, drag, dt);
         let push = |ahead: Four, left: Four, rest: Four, stiffness: Four| {
             let dx = ahead * self.cos - left * self.sin;
             let dy = ahead * self.sin + left * self.cos;
@@ -234,8 +228,15 @@ impl Wheels {
         velocity: [f64; 3],
         dt: f64,
     ) {
-        for ((which, _), [_, across]) in stand.touches().enumerate().zip(pushes) {
-            self.rollers.turn(which, across.force(velocity));
+        self.torques = Four::ZERO;
+        let touches = 1 + usize::from(stand.other.is_some());
+        for (which, [along, across]) in pushes.take(touches).enumerate() {
+            let force = across.force(velocity);
+            self.rollers.turn(which, force);
+            if self.inertia.is_some() {
+                let torques = along.lever * along.force(velocity) + across.lever * force;
+                self.torques = self.torques + torques;
+            }
         }
         self.rollers.pass(dt);
     }
