@@ -300,7 +300,7 @@ fn derivatives(
             }
         }
     }
-    let (mut gradient, mut curvature) = sums(&gradient, &curvature);
+    let (mut gradient, mut curvature) = sums(gradient, curvature);
     for k in 0..3 {
         gradient[k] += inertia[k] * (v[k] - before[k]);
         curvature[k][k] += inertia[k];
@@ -311,7 +311,7 @@ fn derivatives(
 /// Sums over the wheels. Apart, because next to the loop that adds them up the compiler would make
 /// vectors across these sums rather than of wheels there, and spend its time on moving lanes.
 #[inline(never)]
-fn sums(gradient: &[Four; 3], curvature: &[[Four; 3]; 3]) -> ([f64; 3], [[f64; 3]; 3]) {
+fn sums(gradient: [Four; 3], curvature: [[Four; 3]; 3]) -> ([f64; 3], [[f64; 3]; 3]) {
     (
         gradient.map(Four::sum),
         curvature.map(|row| row.map(Four::sum)),
