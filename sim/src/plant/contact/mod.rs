@@ -72,7 +72,7 @@ struct Part {
 /// Sizes and materials that the group file does not hold.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Contact {
-    /// Rollers of a wheel.
+    /// Rollers of a wheel, three or more.
     pub rollers: u8,
     /// Radius of a roller at its middle over the wheel's.
     pub roller_ratio: f64,

@@ -189,9 +189,9 @@ impl Rollers {
         }
     }
 
-    /// Velocity across the axle at which the first or second rollers on the floor (`which` is 0 or
-    /// 1) are not pushed in the next `dt`, m/s, and force over the difference from that velocity, N
-    /// s/m, when friction creeps with `stiffness`.
+    /// Velocity across the axle at which the floor does not push the first rollers on it (`which` 0)
+    /// or the second (1) in the next `dt`, m/s, and force over the difference from that velocity,
+    /// N s/m, when friction creeps with `stiffness`.
     #[inline(always)]
     pub fn resistance(
         &mut self,
