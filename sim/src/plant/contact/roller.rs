@@ -189,9 +189,9 @@ impl Rollers {
         }
     }
 
-    /// Velocity across the axle at which the floor does not push the first rollers on it (`which` 0)
-    /// or the second (1) in the next `dt`, m/s, and force over the difference from that velocity,
-    /// N s/m, when friction creeps with `stiffness`.
+    /// Velocity across the axle at which the floor does not push its first rollers (`which` 0) or
+    /// second ones (1) in the next `dt`, m/s, and force over the difference from that velocity, N
+    /// s/m, when friction creeps with `stiffness`.
     #[inline(always)]
     pub fn resistance(
         &mut self,
