@@ -144,9 +144,7 @@ impl StudyGroup {
         for turned in &mut self.turned {
             *turned = turned.map(|rate| rate * scale * dt);
         }
-        for _ in 0..self.steps {
-            self.plant.step(dt, &self.turned)?;
-        }
+        self.plant.steps(self.steps, dt, &self.turned)?;
         self.periods += 1;
         self.worst_shape_error_mm = self.worst_shape_error_mm.max(self.plant.shape_error_mm());
         Ok(())

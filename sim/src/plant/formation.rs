@@ -50,7 +50,13 @@ impl Formation {
 
     /// The members' poses in the world when the group frame has this pose.
     pub fn places(&self, group: Pose<f64>) -> impl Iterator<Item = Pose<f64>> {
-        self.members.iter().map(move |m| group.compose(m.place))
+        // `Pose::compose`, with one sine and cosine for all of them.
+        let (sin, cos) = libm::sincos(group.heading);
+        self.members.iter().map(move |Member { place, .. }| Pose {
+            x: group.x + cos * place.x - sin * place.y,
+            y: group.y + sin * place.x + cos * place.y,
+            heading: group.heading + place.heading,
+        })
     }
 
     /// The body's twist, group frame, that fits the members' own twists (each in its own frame)

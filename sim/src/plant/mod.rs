@@ -31,6 +31,15 @@ pub trait Plant: Send {
     /// When the plant lives outside and is gone.
     fn step(&mut self, dt: f64, turned: &[[f64; 4]]) -> Result<(), SimError>;
 
+    /// Advances by so many steps, in each of which the motors turned the wheels by these angles;
+    /// the poses are those after the last.
+    ///
+    /// # Errors
+    /// As [`Plant::step`].
+    fn steps(&mut self, count: u32, dt: f64, turned: &[[f64; 4]]) -> Result<(), SimError> {
+        (0..count).try_for_each(|_| self.step(dt, turned))
+    }
+
     /// Poses of the robots in the world, m and rad, heading unwrapped.
     fn poses(&self) -> &[Pose<f64>];
 

@@ -30,10 +30,6 @@ pub(super) struct Body {
     /// In the last step: for each robot what its first rollers did, and its second where it stood
     /// on such.
     pushes: Vec<Pushes>,
-    /// Which of them are whose.
-    owners: Vec<usize>,
-    /// Velocity at its end, in the frame of `pushes`.
-    settled: [f64; 3],
     friction: f64,
     floor: Vec<Patch>,
     /// The centre of mass in the frame the members' places are given in.
@@ -69,8 +65,6 @@ impl Body {
         share_load(&mut robots, mass * GRAVITY)?;
         Ok(Self {
             pushes: Vec::with_capacity(2 * robots.len()),
-            owners: Vec::with_capacity(2 * robots.len()),
-            settled: [0.0; 3],
             robots,
             inertia: [mass, mass, inertia],
             pose: frame.compose(Pose::new(centre.0, centre.1, 0.0)),
@@ -79,6 +73,11 @@ impl Body {
             floor: floor.to_vec(),
             centre,
         })
+    }
+
+    /// Pose of the centre of mass: of a robot alone its own pose.
+    pub fn pose(&self) -> Pose<f64> {
+        self.pose
     }
 
     /// Pose of the frame that the members' places are given in.
@@ -94,13 +93,8 @@ impl Body {
 
     /// What the floor does to a robot's wheels, N·m.
     pub fn floor_torques(&self, robot: usize) -> [f64; 4] {
-        let own = self.pushes.iter().zip(&self.owners);
-        own.filter(|(_, owner)| **owner == robot)
-            .flat_map(|(pushes, _)| pushes)
-            .fold(Four::ZERO, |torques, push| {
-                torques + push.lever * push.force(self.settled)
-            })
-            .0
+        let own = self.robots.iter().find(|wheels| wheels.robot == robot);
+        own.map_or([0.0; 4], |wheels| wheels.torques.0)
     }
 
     /// See [`velocity`](Self::velocity).
@@ -112,8 +106,8 @@ impl Body {
     #[inline(always)]
     pub fn step(&mut self, dt: f64, stands: &[Stand], turned: &[[f64; 4]]) {
         let (sin, cos) = libm::sincos(self.pose.heading + 0.5 * dt * self.velocity[2]);
+        let per_dt = 1.0 / dt;
         self.pushes.clear();
-        self.owners.clear();
         for wheels in &mut self.robots {
             let friction = if self.floor.is_empty() {
                 Four::all(self.friction)
@@ -124,23 +118,21 @@ impl Body {
                     friction_at(&self.floor, x, y).unwrap_or(self.friction)
                 })
             };
-            let rates = Four(turned[wheels.robot]) * (1.0 / dt);
+            let rates = Four(turned[wheels.robot]) * per_dt;
             let stand = &stands[wheels.robot];
             wheels.stand(stand, rates, friction, dt, &mut self.pushes);
-            self.owners.resize(self.pushes.len(), wheels.robot);
         }
         let [vx, vy, omega] = self.velocity;
         let before = [cos * vx + sin * vy, cos * vy - sin * vx, omega];
         let after = settle(
             self.pushes.as_flattened(),
-            self.inertia.map(|m| m / dt),
+            self.inertia.map(|m| m * per_dt),
             before,
         );
         let mut pushes = self.pushes.iter();
         for wheels in &mut self.robots {
             wheels.turn_rollers(&stands[wheels.robot], &mut pushes, after, dt);
         }
-        self.settled = after;
         let [vx, vy, omega] = after;
         self.velocity = [cos * vx - sin * vy, sin * vx + cos * vy, omega];
         self.pose.x += dt * self.velocity[0];
@@ -196,11 +188,7 @@ fn settle(pushes: &[Push], inertia: [f64; 3], before: [f64; 3]) -> [f64; 3] {
         let step = solve(curvature, gradient);
         let mut part = 1.0;
         let mut next = along(v, step, part);
-        let mut alike = true;
-        for push in pushes {
-            alike &= push.as_limited(v, next);
-        }
-        if alike {
+        if all_as_limited(pushes, v, next) {
             // All the way on one quadratic piece: this is its minimum.
             return next;
         }
@@ -217,6 +205,18 @@ fn settle(pushes: &[Push], inertia: [f64; 3], before: [f64; 3]) -> [f64; 3] {
         (v, cost) = (next, Some(reached));
     }
     v
+}
+
+/// Whether all contacts are [`Push::as_limited`].
+#[inline(always)]
+fn all_as_limited(pushes: &[Push], a: [f64; 3], b: [f64; 3]) -> bool {
+    // Not `all`, which is not always inlined, and so made without vectors.
+    for push in pushes {
+        if !push.as_limited(a, b) {
+            return false;
+        }
+    }
+    true
 }
 
 fn along(v: [f64; 3], step: [f64; 3], part: f64) -> [f64; 3] {
@@ -300,12 +300,22 @@ fn derivatives(
             }
         }
     }
-    let gradient = std::array::from_fn(|k| inertia[k] * (v[k] - before[k]) + gradient[k].sum());
-    let mut curvature = curvature.map(|row| row.map(Four::sum));
+    let (mut gradient, mut curvature) = sums(gradient, curvature);
     for k in 0..3 {
+        gradient[k] += inertia[k] * (v[k] - before[k]);
         curvature[k][k] += inertia[k];
     }
     (gradient, curvature)
+}
+
+/// Sums over the wheels. Apart, because next to the loop that adds them up the compiler would make
+/// vectors across these sums rather than of wheels there, and spend its time on moving lanes.
+#[inline(never)]
+fn sums(gradient: [Four; 3], curvature: [[Four; 3]; 3]) -> ([f64; 3], [[f64; 3]; 3]) {
+    (
+        gradient.map(Four::sum),
+        curvature.map(|row| row.map(Four::sum)),
+    )
 }
 
 /// Solves a symmetric positive definite system from what is on and below the diagonal, by

@@ -13,12 +13,15 @@ use super::four::Four;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Footprint {
     rollers: f64,
+    per_rollers: f64,
     /// Angle from one roller to the next, and how far each wheel has rolled on past a roller's
     /// middle at angle 0, rad.
     pitch: f64,
+    per_pitch: f64,
     phase: Four,
     /// From its middle to its ends, rad.
     half: f64,
+    per_half: f64,
     /// Sine and cosine of the pitch, and tangent and secant where a roller ends.
     turn: (f64, f64),
     end: (f64, f64),
@@ -43,12 +46,16 @@ impl Footprint {
     pub fn new(rollers: u8, phases: [f64; 4], settling: f64) -> Self {
         let pitch = TAU / f64::from(rollers);
         let (sin, cos) = libm::sincos(0.5 * pitch);
+        // A wheel on three rollers would have no wheel under it.
+        let half = libm::acos(1.0 - settling).min(0.5 * pitch);
         Self {
             rollers: rollers.into(),
+            per_rollers: 1.0 / f64::from(rollers),
             pitch,
+            per_pitch: 1.0 / pitch,
             phase: Four(phases),
-            // A wheel on three rollers would have no wheel under it.
-            half: libm::acos(1.0 - settling).min(0.5 * pitch),
+            half,
+            per_half: 1.0 / half,
             turn: libm::sincos(pitch),
             end: (sin / cos, 1.0 / cos),
         }
@@ -61,7 +68,7 @@ impl Footprint {
     pub fn feet(&self, angles: Four) -> (Foot, Option<Foot>) {
         let pitch = Four::all(self.pitch);
         let half = Four::all(0.5);
-        let place = (angles + self.phase) / pitch + half;
+        let place = (angles + self.phase) * self.per_pitch + half;
         let number = place.floor();
         let phi = (place - number - half) * pitch;
         let (sin, cos) = phi.sin_cos();
@@ -91,20 +98,18 @@ impl Footprint {
 
     #[inline(always)]
     fn roller(&self, number: Four) -> [u8; 4] {
-        let rollers = Four::all(self.rollers);
-        (number - (number / rollers).floor() * rollers)
-            .0
-            .map(|number| number as u8)
+        // Half a roller on, so that rounding takes none to the turn before.
+        let turns = ((number + Four::all(0.5)) * self.per_rollers).floor();
+        (number - turns * self.rollers).0.map(|number| number as u8)
     }
 
     /// Part of the load that presses further than an angle from the middle: with the parabola `3/4
     /// (1 - x^2)`, x from -1 to 1 between the ends, it is `1/2 - 3/4 (x - x^3/3)`.
     #[inline(always)]
     fn share_beyond(&self, angle: Four) -> Four {
-        let half = Four::all(self.half);
-        let x = angle / half;
+        let x = angle * self.per_half;
         let share = Four::all(0.5) - (x - x * x * x * (1.0 / 3.0)) * 0.75;
-        (half - angle).where_positive(share, Four::ZERO)
+        (Four::all(self.half) - angle).where_positive(share, Four::ZERO)
     }
 }
 

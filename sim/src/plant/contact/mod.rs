@@ -72,7 +72,7 @@ struct Part {
 /// Sizes and materials that the group file does not hold.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Contact {
-    /// Rollers of a wheel.
+    /// Rollers of a wheel, three or more.
     pub rollers: u8,
     /// Radius of a roller at its middle over the wheel's.
     pub roller_ratio: f64,
@@ -266,9 +266,15 @@ impl ContactPlant {
 
 impl Plant for ContactPlant {
     fn step(&mut self, dt: f64, turned: &[[f64; 4]]) -> Result<(), SimError> {
-        self.turn(dt, turned);
+        self.steps(1, dt, turned)
+    }
+
+    fn steps(&mut self, count: u32, dt: f64, turned: &[[f64; 4]]) -> Result<(), SimError> {
+        for _ in 0..count {
+            self.turn(dt, turned);
+        }
         for (pose, body) in self.alone.iter_mut().zip(&self.single) {
-            *pose = body.frame();
+            *pose = body.pose();
         }
         if let Some(body) = &self.joined {
             self.group = body.frame();

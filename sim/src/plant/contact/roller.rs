@@ -26,10 +26,12 @@ pub(super) struct Rollers {
     shape: Barrel,
     /// Moment of inertia of one about its axle, kg m^2.
     inertia: f64,
-    /// By number, then by wheel.
+    /// By number, then by wheel. How fast those on the floor turn is in `turning`.
     each: Vec<[Roller; 4]>,
-    /// Those on the floor under each wheel; the same twice where it stands on one.
+    /// Those on the floor under each wheel, a first and a second; the same twice where it stands on
+    /// one, and then the second does not count.
     down: Option<[[u8; 2]; 4]>,
+    turning: [Turning; 2],
     /// Since the beginning, s.
     now: f64,
 }
@@ -37,16 +39,34 @@ pub(super) struct Rollers {
 /// Where the roller on the floor under each wheel touches it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Grip {
-    /// Which one, and its radius there, m.
-    pub roller: [u8; 4],
+    /// Its radius there, m.
     pub radius: Four,
     /// Part of the wheel's load.
     pub share: Four,
 }
 
+/// How a roller on the floor under each wheel turns.
+#[derive(Debug, Clone, Copy)]
+struct Turning {
+    /// Now, rad/s.
+    rate: Four,
+    /// At the end of the step, if the floor does not push it, rad/s.
+    free: Four,
+    /// What each newton of the floor adds to that, rad/(N s).
+    gain: Four,
+}
+
+impl Turning {
+    const AT_REST: Self = Self {
+        rate: Four::ZERO,
+        free: Four::ZERO,
+        gain: Four::ZERO,
+    };
+}
+
 #[derive(Debug, Clone, Copy)]
 struct Roller {
-    /// How fast it turns, rad/s; in the air, when it left the floor.
+    /// How fast it turned when it left the floor, rad/s.
     rate: f64,
     /// When it left the floor, s; nothing while it is down.
     left: Option<f64>,
@@ -75,7 +95,6 @@ impl Barrel {
         let thinnest = THINNEST * (self.wheel - self.axle);
         let radius = Four::all(self.wheel) - foot.secant * self.axle;
         Grip {
-            roller: foot.roller,
             radius: radius.max(Four::all(thinnest)),
             share: foot.share,
         }
@@ -123,6 +142,7 @@ impl Rollers {
             inertia: shape.inertia(contact.roller_density, sin_roller, half_pitch),
             each: vec![[at_rest; 4]; usize::from(contact.rollers)],
             down: None,
+            turning: [Turning::AT_REST; 2],
             now: 0.0,
         }
     }
@@ -138,7 +158,14 @@ impl Rollers {
 
     #[inline(never)]
     fn change(&mut self, down: [[u8; 2]; 4], drag: Four) {
-        self.down = Some(down);
+        if let Some(before) = self.down.replace(down) {
+            // The first last: it is the one that counts where both are the same.
+            for (turning, place) in self.turning.iter().zip([0, 1]).rev() {
+                for (wheel, rate) in turning.rate.0.into_iter().enumerate() {
+                    self.each[usize::from(before[wheel][place])][wheel].rate = rate;
+                }
+            }
+        }
         let middle = self.shape.radius(1.0);
         for (number, rollers) in self.each.iter_mut().enumerate() {
             for ((roller, down), drag) in rollers.iter_mut().zip(down).zip(drag.0) {
@@ -156,44 +183,46 @@ impl Rollers {
                 }
             }
         }
+        for (place, turning) in self.turning.iter_mut().enumerate() {
+            turning.rate =
+                Four::from_fn(|wheel| self.each[usize::from(down[wheel][place])][wheel].rate);
+        }
     }
 
+    /// Velocity across the axle at which the floor does not push its first rollers (`which` 0) or
+    /// second ones (1) in the next `dt`, m/s, and force over the difference from that velocity, N
+    /// s/m, when friction creeps with `stiffness`.
     #[inline(always)]
-    fn rates(&self, grip: &Grip) -> Four {
-        Four::from_fn(|wheel| self.each[usize::from(grip.roller[wheel])][wheel].rate)
-    }
-
-    /// Velocity across the axle of rollers on the floor at which that does not push them in the
-    /// next `dt`, m/s, and force over the difference from that velocity, N s/m, when friction
-    /// creeps with `stiffness`.
-    #[inline(always)]
-    pub fn resistance(&self, grip: &Grip, stiffness: Four, drag: Four, dt: f64) -> (Four, Four) {
-        let over = grip.radius * grip.radius * dt;
-        // As much inertia as drag and inertia together are in this step, kg m^2.
+    pub fn resistance(
+        &mut self,
+        which: usize,
+        grip: &Grip,
+        stiffness: Four,
+        drag: Four,
+        dt: f64,
+    ) -> (Four, Four) {
+        let turning = &mut self.turning[which];
+        let lever = grip.radius * dt;
+        let over = grip.radius * lever;
+        // As much inertia as drag and inertia together are in this step, kg m^2; one without either
+        // does not resist, and nothing has to turn it.
         let resists = Four::all(self.inertia) + drag * grip.share * over;
-        let surface = self.rates(grip) * grip.radius;
-        let rest = surface * self.inertia / resists;
-        let resistance = stiffness * resists / (stiffness * over + resists);
+        let gives = resists.where_positive(Four::ONE / resists, Four::ZERO);
+        turning.free = turning.rate * self.inertia * gives;
+        turning.gain = lever * gives;
+        let resistance = stiffness / (Four::ONE + stiffness * over * gives);
         (
-            resists.where_positive(rest, Four::ZERO),
+            turning.free * grip.radius,
             resists.where_positive(resistance, Four::ZERO),
         )
     }
 
-    /// Turns rollers on the floor for `dt` by the floor's forces, N.
+    /// Turns the first or second rollers on the floor by the floor's forces, N, in the step that
+    /// [`resistance`](Self::resistance) was asked about.
     #[inline(always)]
-    pub fn turn(&mut self, grip: &Grip, force: Four, drag: Four, dt: f64) {
-        if self.inertia > 0.0 {
-            let resists =
-                Four::all(self.inertia) + drag * grip.share * grip.radius * grip.radius * dt;
-            let momentum = self.rates(grip) * self.inertia + force * grip.radius * dt;
-            let rates = momentum / resists;
-            for wheel in 0..4 {
-                if grip.share.0[wheel] > 0.0 {
-                    self.each[usize::from(grip.roller[wheel])][wheel].rate = rates.0[wheel];
-                }
-            }
-        }
+    pub fn turn(&mut self, which: usize, force: Four) {
+        let turning = &mut self.turning[which];
+        turning.rate = turning.free + force * turning.gain;
     }
 
     /// Lets `dt` pass, s.
@@ -217,36 +246,39 @@ mod tests {
         Rollers::new(&contact, &geometry)
     }
 
-    /// Wheels each on one roller.
-    fn on(roller: u8, phi: f64) -> Grip {
+    /// Wheels each on one roller: its number, and where.
+    fn on(roller: u8, phi: f64) -> (u8, Grip) {
         let barrel = rollers(Contact::default()).shape;
-        barrel.grip(&Foot {
+        let grip = barrel.grip(&Foot {
             roller: [roller; 4],
             tilt: Four::all(libm::cos(phi)),
             tan: Four::all(libm::tan(phi)),
             secant: Four::all(1.0 / libm::cos(phi)),
             share: Four::ONE,
-        })
+        });
+        (roller, grip)
     }
 
     /// Puts a roller down and lets the floor go by at `speed` under it for `seconds`; the sum of
     /// the floor's impulses, N s.
-    fn spin_up(rollers: &mut Rollers, on: &Grip, speed: f64, drag: f64, seconds: f64) -> f64 {
+    fn spin_up(rollers: &mut Rollers, on: &(u8, Grip), speed: f64, drag: f64, seconds: f64) -> f64 {
         let drag = Four::all(drag);
-        rollers.stand_on(on.roller.map(|number| [number; 2]), drag);
+        let (number, grip) = on;
+        rollers.stand_on([[*number; 2]; 4], drag);
         let mut impulse = Four::ZERO;
         for _ in 0..(seconds / DT).round() as u32 {
-            let (rest, stiffness) = rollers.resistance(on, Four::all(GRIP), drag, DT);
+            let (rest, stiffness) = rollers.resistance(0, grip, Four::all(GRIP), drag, DT);
             let force = stiffness * (Four::all(speed) - rest);
-            rollers.turn(on, force, drag, DT);
+            rollers.turn(0, force);
             rollers.pass(DT);
             impulse = impulse + force * DT;
         }
         impulse.0[2]
     }
 
-    fn surface(rollers: &Rollers, on: &Grip) -> f64 {
-        (rollers.rates(on) * on.radius).0[2]
+    /// Of the first or second roller on the floor.
+    fn surface(rollers: &Rollers, which: usize, (_, grip): &(u8, Grip)) -> f64 {
+        (rollers.turning[which].rate * grip.radius).0[2]
     }
 
     /// With 128 rollers half a pitch is 1.4 degrees and a barrel is thinner at its ends by `0.1189
@@ -303,7 +335,7 @@ mod tests {
             let expected = rollers.inertia * 0.7 / (radius * radius);
             // Contacts of 10^4 N s/m under a mass of a kilogram are there after a tenth of a
             // millisecond.
-            let reached = surface(&rollers, &foot);
+            let reached = surface(&rollers, 0, &foot);
             assert!((reached - 0.7).abs() < 1e-9, "{reached}");
             assert!(
                 (impulse / expected - 1.0).abs() < 1e-9,
@@ -319,10 +351,8 @@ mod tests {
         let mut rollers = rollers(Contact::default());
         let drag = 12.0;
         for share in [1.0, 0.25] {
-            let foot = Grip {
-                share: Four::all(share),
-                ..on(0, 0.0)
-            };
+            let mut foot = on(0, 0.0);
+            foot.1.share = Four::all(share);
             spin_up(&mut rollers, &foot, 0.7, drag, 0.1);
             let force = spin_up(&mut rollers, &foot, 0.7, drag, DT) / DT;
             let expected = 0.7 / (1.0 / GRIP + 1.0 / (drag * share));
@@ -338,10 +368,10 @@ mod tests {
         let mut rollers = rollers(Contact::default());
         let foot = on(0, edge);
         spin_up(&mut rollers, &foot, 0.7, 0.0, 0.02);
-        let rate = rollers.each[0][2].rate;
+        let rate = rollers.turning[0].rate.0[2];
         rollers.stand_on([[1; 2]; 4], Four::all(drag));
         rollers.stand_on([[0; 2]; 4], Four::all(drag));
-        assert!((rollers.each[0][2].rate - rate).abs() < 1e-12);
+        assert!((rollers.turning[0].rate.0[2] - rate).abs() < 1e-12);
         let impulse = spin_up(&mut rollers, &foot, 0.7, 0.0, DT);
         assert!(impulse.abs() < 1e-9, "{impulse}");
         // 50 ms on the next one, then back; the radius that the axle's drag acts with is that of
@@ -349,7 +379,7 @@ mod tests {
         spin_up(&mut rollers, &on(1, edge), 0.7, drag, 0.05);
         rollers.stand_on([[0; 2]; 4], Four::all(drag));
         let expected = rate * (-drag * 0.0335 * 0.0335 * 0.05 / rollers.inertia).exp();
-        let left = rollers.each[0][2].rate;
+        let left = rollers.turning[0].rate.0[2];
         assert!((left / expected - 1.0).abs() < 1e-9, "{left} {expected}");
         assert!(expected < 0.5 * rate);
     }
@@ -362,8 +392,8 @@ mod tests {
         spin_up(&mut rollers, &feet[0], 0.7, 0.0, 0.02);
         rollers.stand_on([[3, 4]; 4], Four::all(12.0));
         rollers.pass(0.05);
-        for (foot, expected) in feet.iter().zip([0.7, 0.0]) {
-            assert!((surface(&rollers, foot) - expected).abs() < 1e-9);
+        for (which, expected) in [0.7, 0.0].into_iter().enumerate() {
+            assert!((surface(&rollers, which, &feet[which]) - expected).abs() < 1e-9);
         }
     }
 }

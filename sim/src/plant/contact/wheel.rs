@@ -54,13 +54,15 @@ pub(super) struct Wheels {
     cos: f64,
     /// Rolling radius, settled, m.
     radius: f64,
-    /// Slip velocity at which friction is fully developed, m/s.
-    creep: f64,
+    /// 1 over the slip velocity at which friction is fully developed, s/m.
+    per_creep: f64,
     /// Force across a roller's axle over load and velocity, s/m.
     damping: f64,
     /// What they carry, N.
     pub load: Four,
     rollers: Rollers,
+    /// What the floor did to them in the last step, N·m, if that turns them.
+    pub torques: Four,
     /// What turns with a wheel, kg m^2, if its rate is not its motor's alone.
     inertia: Option<f64>,
 }
@@ -132,14 +134,6 @@ impl Underside {
     }
 }
 
-impl Stand {
-    /// Rollers that carry the wheels: the first of each, and the second where there is one.
-    #[inline(always)]
-    fn touches(&self) -> impl Iterator<Item = &Touch> {
-        std::iter::once(&self.first).chain(&self.other)
-    }
-}
-
 impl Wheels {
     /// The wheels of a robot whose centre is at (`x`, `y`) from the body's centre of mass; no load
     /// yet.
@@ -155,10 +149,11 @@ impl Wheels {
             sin,
             cos,
             radius: geometry.wheel_radius() * (1.0 - contact.settling),
-            creep: contact.creep,
+            per_creep: 1.0 / contact.creep,
             damping: contact.roller_damping,
             load: Four::ZERO,
             rollers: Rollers::new(contact, geometry),
+            torques: Four::ZERO,
             inertia: contact.wheel_inertia,
         }
     }
@@ -175,19 +170,30 @@ impl Wheels {
         pushes: &mut Vec<Pushes>,
     ) {
         self.rollers.stand_on(stand.down, self.load * self.damping);
-        for touch in stand.touches() {
-            pushes.push(self.pushes(touch, rates, friction, dt));
+        pushes.push(self.pushes(0, &stand.first, rates, friction, dt));
+        if let Some(other) = &stand.other {
+            pushes.push(self.pushes(1, other, rates, friction, dt));
         }
     }
 
     #[inline(always)]
-    fn pushes(&self, touch: &Touch, rates: Four, friction: Four, dt: f64) -> Pushes {
+    fn pushes(
+        &mut self,
+        which: usize,
+        touch: &Touch,
+        rates: Four,
+        friction: Four,
+        dt: f64,
+    ) -> Pushes {
         let Touch {
             grip, ahead, left, ..
         } = *touch;
         let x = self.x - touch.along * self.sin;
         let y = self.y + touch.along * self.cos;
         let limit = friction * self.load * grip.share;
+        let creeping = (limit * self.per_creep).min(Four::all(STIFFEST));
+        let drag = self.load * self.damping;
+        let (rest, resistance) = self.rollers.resistance(which, &grip, creeping, drag, dt);
         let push = |ahead: Four, left: Four, rest: Four, stiffness: Four| {
             let dx = ahead * self.cos - left * self.sin;
             let dy = ahead * self.sin + left * self.cos;
@@ -206,17 +212,14 @@ impl Wheels {
                 stiffness: grip.share.where_positive(stiffness, Four::ZERO),
             }
         };
-        let creeping = (limit / Four::all(self.creep)).min(Four::all(STIFFEST));
-        let drag = self.load * self.damping;
-        let (rest, resistance) = self.rollers.resistance(&grip, creeping, drag, dt);
         [
             push(ahead, left, Four::ZERO, creeping),
             push(-left, ahead, rest, resistance),
         ]
     }
 
-    /// Turns the rollers on the floor for `dt` by what the floor did to each: the next of `pushes`
-    /// at this velocity of the body.
+    /// Turns the rollers on the floor by what it did to each in a step of `dt`: the next of
+    /// `pushes` at this velocity of the body.
     #[inline(always)]
     pub fn turn_rollers<'a>(
         &mut self,
@@ -225,10 +228,15 @@ impl Wheels {
         velocity: [f64; 3],
         dt: f64,
     ) {
-        let drag = self.load * self.damping;
-        for (touch, [_, across]) in stand.touches().zip(pushes) {
+        self.torques = Four::ZERO;
+        let touches = 1 + usize::from(stand.other.is_some());
+        for (which, [along, across]) in pushes.take(touches).enumerate() {
             let force = across.force(velocity);
-            self.rollers.turn(&touch.grip, force, drag, dt);
+            self.rollers.turn(which, force);
+            if self.inertia.is_some() {
+                let torques = along.lever * along.force(velocity) + across.lever * force;
+                self.torques = self.torques + torques;
+            }
         }
         self.rollers.pass(dt);
     }
