@@ -7,7 +7,6 @@
 //! leaves the loop has not changed anything.
 
 use rsemu::core::value::Width;
-use rsemu::cpu::arm::v7m::ArmV7m;
 
 use super::code::Page;
 use super::micro::Op;
@@ -25,7 +24,6 @@ impl Core {
     pub(super) fn run_in(
         &mut self,
         page: &Page,
-        cpu: &ArmV7m,
         memory: Memory<'_>,
         limit: u64,
         instructions: &mut u64,
@@ -116,7 +114,7 @@ impl Core {
                         if !self.fp_usable {
                             leave!();
                         }
-                        self.load_float(cpu);
+                        self.load_float(memory.cpu);
                     }
                 };
             }
@@ -125,7 +123,7 @@ impl Core {
                 Op::Other => {
                     (self.r[15], self.now) = (pc, now);
                     let done = match page.entry(pc) {
-                        Ok(entry) => self.step(cpu, memory, entry),
+                        Ok(entry) => self.step(memory, entry),
                         Err(Leave) => Err(Leave),
                     };
                     if done.is_err() {
@@ -140,7 +138,7 @@ impl Core {
                     self.cycles = 0;
                     let keep_flags = it != 0 && slot.next.wrapping_sub(pc) == 2;
                     let done = match page.entry(pc) {
-                        Ok(entry) => self.execute(cpu, memory, &entry.insn, keep_flags),
+                        Ok(entry) => self.execute(memory, &entry.insn, keep_flags),
                         Err(Leave) => Err(Leave),
                     };
                     if done.is_err() {
@@ -152,7 +150,7 @@ impl Core {
                     float!();
                     (self.cycles, self.now) = (0, now);
                     let done = match page.entry(pc) {
-                        Ok(entry) => self.execute(cpu, memory, &entry.insn, false),
+                        Ok(entry) => self.execute(memory, &entry.insn, false),
                         Err(Leave) => Err(Leave),
                     };
                     if done.is_err() {
@@ -401,24 +399,28 @@ impl Core {
                 }
                 Op::LoadTwo { t, t2, n, by } => {
                     let at = self.get(n).wrapping_add_signed(i32::from(by));
-                    match self.two(memory, at, now) {
-                        Ok((low, high)) => {
-                            self.set(t, low);
-                            self.set(t2, high);
-                            cycles = cycles.wrapping_add(self.cycles);
+                    if let Some(offset) = Self::in_ram(memory.ram, at, 2) {
+                        self.set(t, memory.ram.word(offset));
+                        self.set(t2, memory.ram.word(offset + 4));
+                        cycles = cycles.wrapping_add(2);
+                    } else {
+                        match self.two(memory, at, now) {
+                            Ok((low, high)) => {
+                                self.set(t, low);
+                                self.set(t2, high);
+                                cycles = cycles.wrapping_add(self.cycles);
+                            }
+                            Err(Leave) => leave!(),
                         }
-                        Err(Leave) => leave!(),
                     }
                 }
                 Op::StoreTwo { t, t2, n, by } => {
                     let at = self.get(n).wrapping_add_signed(i32::from(by));
-                    let offset = at.wrapping_sub(RAM_BASE);
-                    let (low, high) = (self.get(t), self.get(t2));
-                    if offset & 3 != 0 || offset > memory.ram.size() - 8 {
+                    let Some(offset) = Self::in_ram(memory.ram, at, 2) else {
                         leave!();
-                    }
-                    let _ = memory.ram.write_aligned(offset, Width::U32, low);
-                    let _ = memory.ram.write_aligned(offset + 4, Width::U32, high);
+                    };
+                    memory.ram.set_word(offset, self.get(t));
+                    memory.ram.set_word(offset + 4, self.get(t2));
                     cycles = cycles.wrapping_add(2);
                 }
                 Op::Multiple {
