@@ -221,6 +221,15 @@ impl Fetch {
         waited
     }
 
+    /// The same for one that lies in one line, which is not the one in use.
+    #[inline(never)]
+    pub(crate) fn other_line(&mut self, line: u32, now: u64) -> u64 {
+        if self.wait_states == 0 {
+            return 0;
+        }
+        self.enter(line, now)
+    }
+
     /// Goes on with instructions of another line.
     #[inline(always)]
     fn enter(&mut self, line: u32, now: u64) -> u64 {

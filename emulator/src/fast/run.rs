@@ -12,6 +12,7 @@ use super::code::Page;
 use super::micro::Op;
 use super::translate::PAGE;
 use super::{Core, Done, Leave, Memory, advanced, exchangeable};
+use crate::fetch::TWO_LINES;
 use crate::memory_map::{FLASH_BASE, RAM_BASE};
 
 /// The page of an address.
@@ -545,8 +546,12 @@ impl Core {
             }
 
             if self.fetch.line() != slot.line {
-                let at = pc.wrapping_sub(FLASH_BASE);
-                let waited = self.fetch.lines(at, slot.next.wrapping_sub(pc), now);
+                let waited = if slot.line == TWO_LINES {
+                    let at = pc.wrapping_sub(FLASH_BASE);
+                    self.fetch.lines(at, slot.next.wrapping_sub(pc), now)
+                } else {
+                    self.fetch.other_line(slot.line, now)
+                };
                 cycles = cycles.wrapping_add(waited);
             }
             now = now.wrapping_add(cycles);

@@ -109,7 +109,8 @@ impl Soc {
         let mut lines: u128 = 0;
         let mut line = |number: u16, on: bool| lines |= u128::from(on) << number;
         let mut next = u64::MAX;
-        for (number, timer) in self.timers.iter().enumerate().skip(1) {
+        for number in 1..self.timers.len() {
+            let timer = &self.timers[number];
             if timer.is_quiet() {
                 continue;
             }
