@@ -400,19 +400,13 @@ impl Core {
                 }
                 Op::LoadTwo { t, t2, n, by } => {
                     let at = self.get(n).wrapping_add_signed(i32::from(by));
-                    if let Some(offset) = Self::in_ram(memory.ram, at, 2) {
-                        self.set(t, memory.ram.word(offset));
-                        self.set(t2, memory.ram.word(offset + 4));
-                        cycles = cycles.wrapping_add(2);
-                    } else {
-                        match self.two(memory, at, now) {
-                            Ok((low, high)) => {
-                                self.set(t, low);
-                                self.set(t2, high);
-                                cycles = cycles.wrapping_add(self.cycles);
-                            }
-                            Err(Leave) => leave!(),
+                    match self.two(memory, at, now) {
+                        Ok((low, high)) => {
+                            self.set(t, low);
+                            self.set(t2, high);
+                            cycles = cycles.wrapping_add(self.cycles);
                         }
+                        Err(Leave) => leave!(),
                     }
                 }
                 Op::StoreTwo { t, t2, n, by } => {
