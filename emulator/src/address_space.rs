@@ -2,7 +2,8 @@
 //!
 //! The core reads flash and RAM directly. Everything else comes through [`Window`], which asks the
 //! peripherals under one lock (never contended: a board is run by one thread) at the cycle the run
-//! loop has published, and then hands changed interrupt lines to the core.
+//! loop has published, and then hands changed interrupt lines to the core. For the same reason the
+//! atomics here are only loaded and stored: a read-modify-write takes the host some 20 cycles.
 
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, Weak};
@@ -44,7 +45,7 @@ pub(crate) struct Shared {
     flash_waits: bool,
     cpu: OnceLock<Weak<ArmV7m>>,
     nmi: AtomicBool,
-    lines: Mutex<IrqLines>,
+    lines: [AtomicU32; 4],
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -67,7 +68,7 @@ impl Shared {
             flash_waits,
             cpu: OnceLock::new(),
             nmi: AtomicBool::new(false),
-            lines: Mutex::new([0; 4]),
+            lines: Default::default(),
         }
     }
 
@@ -78,7 +79,7 @@ impl Shared {
 
     /// The interrupt lines as the core sees them.
     pub(crate) fn lines(&self) -> IrqLines {
-        *lock(&self.lines)
+        self.lines.each_ref().map(|word| word.load(Relaxed))
     }
 
     /// Does something with the peripherals at the present cycle, without consequences.
@@ -106,7 +107,8 @@ impl Shared {
         if self.flash_waits {
             self.flash_acr.store(soc.flash_access(), Relaxed);
         }
-        let before = self.next_event.swap(soc.next_event, Relaxed);
+        let before = self.next_event.load(Relaxed);
+        self.next_event.store(soc.next_event, Relaxed);
         if soc.next_event < before
             || soc.clock.hz() != hz
             || soc.can.requests() != requests
@@ -116,25 +118,25 @@ impl Shared {
         {
             self.attention.store(true, Relaxed);
         }
-        if soc.rcc.nmi() != self.nmi.swap(soc.rcc.nmi(), Relaxed)
+        if soc.rcc.nmi() != self.nmi.load(Relaxed)
             && let Some(cpu) = self.cpu.get().and_then(Weak::upgrade)
         {
+            self.nmi.store(soc.rcc.nmi(), Relaxed);
             cpu.set_nmi(soc.rcc.nmi());
             self.lines_changed.store(true, Relaxed);
         }
-        let mut lines = lock(&self.lines);
-        if *lines != soc.irq
+        if self.lines() != soc.irq
             && let Some(cpu) = self.cpu.get().and_then(Weak::upgrade)
         {
-            for (word, (old, new)) in lines.iter().zip(soc.irq).enumerate() {
-                let mut changed = old ^ new;
+            for (word, (line, new)) in self.lines.iter().zip(soc.irq).enumerate() {
+                let mut changed = line.load(Relaxed) ^ new;
+                line.store(new, Relaxed);
                 while changed != 0 {
                     let bit = changed.trailing_zeros();
                     changed &= changed - 1;
                     cpu.set_irq((32 * word as u32 + bit) as u16, new >> bit & 1 != 0);
                 }
             }
-            *lines = soc.irq;
             self.lines_changed.store(true, Relaxed);
         }
         result

@@ -10,6 +10,8 @@
 //! The internal oscillators are assumed to have the error of the crystal, except for the LSI of the
 //! watchdog, which has its own tolerance and frequency.
 
+use std::cell::Cell;
+
 const PS_PER_S: u64 = 1_000_000_000_000;
 
 /// Maps core cycles to local time and local time to the world's time.
@@ -24,6 +26,25 @@ pub struct Clock {
     cycle_ps: Fraction,
     /// Local time over the world's.
     local: Fraction,
+    /// The last conversions, because the same moments are converted again and again: the next event
+    /// of a sleeping board, and the end of its watchdog's time.
+    last_world_ns: Cell<Conversion>,
+    last_cycle: Cell<Conversion>,
+}
+
+/// What was converted, and to what.
+type Conversion = Option<(u64, u64)>;
+
+/// Converts a value, unless it is the one of the last time.
+fn remembered(last: &Cell<Conversion>, value: u64, convert: impl FnOnce(u64) -> u64) -> u64 {
+    if let Some((known, result)) = last.get()
+        && known == value
+    {
+        return result;
+    }
+    let result = convert(value);
+    last.set(Some((value, result)));
+    result
 }
 
 /// Numerator and denominator in lowest terms, so that most products fit 64 bits.
@@ -54,6 +75,14 @@ fn times(value: u64, (numerator, denominator): Fraction) -> (u64, bool) {
     (whole * numerator + more, left != 0)
 }
 
+/// The earliest of several times.
+pub(crate) fn earliest(times: [Option<u64>; 3]) -> Option<u64> {
+    // An iterator's `min` over options takes the host several times as long.
+    let [a, b, c] = times.map(|at| at.unwrap_or(u64::MAX));
+    let at = a.min(b).min(c);
+    (at != u64::MAX).then_some(at)
+}
+
 impl Clock {
     /// A clock at power-on, at the world's time zero, with a crystal that runs fast by
     /// `crystal_ppm` and the core at `hz`, which is the internal oscillator's frequency.
@@ -68,6 +97,8 @@ impl Clock {
             hz,
             cycle_ps: fraction(PS_PER_S, hz),
             local: fraction(PS_PER_S.saturating_add_signed(error_e12), PS_PER_S),
+            last_world_ns: Cell::default(),
+            last_cycle: Cell::default(),
         }
     }
 
@@ -90,6 +121,8 @@ impl Clock {
             self.segment_cycle = now;
             self.hz = hz;
             self.cycle_ps = fraction(PS_PER_S, hz);
+            self.last_world_ns.set(None);
+            self.last_cycle.set(None);
         }
     }
 
@@ -103,6 +136,10 @@ impl Clock {
     /// First cycle that starts at or after a local time in ps.
     #[must_use]
     pub fn cycle_at_local(&self, ps: u64) -> u64 {
+        remembered(&self.last_cycle, ps, |ps| self.convert_to_cycle(ps))
+    }
+
+    fn convert_to_cycle(&self, ps: u64) -> u64 {
         let (numerator, denominator) = self.cycle_ps;
         let ps = ps.saturating_sub(self.segment_ps);
         let (cycles, left) = times(ps, (denominator, numerator));
@@ -127,13 +164,15 @@ impl Clock {
     /// World time in ns, rounded up, of a cycle.
     #[must_use]
     pub fn world_ns(&self, cycle: u64) -> u64 {
-        self.local_to_world_ns(self.local_ps(cycle))
+        remembered(&self.last_world_ns, cycle, |cycle| {
+            self.local_to_world_ns(self.local_ps(cycle))
+        })
     }
 
     /// First cycle at or after a world time in ns.
     #[must_use]
     pub fn cycle_at_world(&self, t_ns: u64) -> u64 {
-        self.cycle_at_local(self.world_to_local_ps(t_ns))
+        self.convert_to_cycle(self.world_to_local_ps(t_ns))
     }
 }
 

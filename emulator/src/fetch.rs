@@ -133,6 +133,8 @@ pub(crate) struct Fetch {
     /// Version of the flash's content that the caches hold.
     version: u64,
     wait_states: u64,
+    /// All ones when nothing is prefetched, otherwise zero.
+    no_prefetch: u32,
     /// The line that instructions come from.
     line: u32,
     /// The line that is being prefetched, `u32::MAX` for none, and the time at which it arrives.
@@ -152,6 +154,7 @@ impl Fetch {
             acr: 0,
             version: 0,
             wait_states: 0,
+            no_prefetch: u32::MAX,
             line: u32::MAX,
             prefetched: u32::MAX,
             ready: 0,
@@ -173,6 +176,7 @@ impl Fetch {
         }
         (self.acr, self.version) = (acr, version);
         self.wait_states = u64::from(acr & LATENCY);
+        self.no_prefetch = if acr & PRFTEN != 0 { 0 } else { u32::MAX };
         self.code.enabled = acr & ICEN != 0;
         self.data.enabled = acr & DCEN != 0;
         self.code.clear();
@@ -217,34 +221,32 @@ impl Fetch {
         waited
     }
 
+    /// The same for one that lies in one line, which is not the one in use.
+    #[inline(never)]
+    pub(crate) fn other_line(&mut self, line: u32, now: u64) -> u64 {
+        if self.wait_states == 0 {
+            return 0;
+        }
+        self.enter(line, now)
+    }
+
     /// Goes on with instructions of another line.
     #[inline(always)]
     fn enter(&mut self, line: u32, now: u64) -> u64 {
         self.line = line;
-        let mut waited = 0;
-        if !self.code.hit(line) {
-            waited = self.miss(line, now);
-        }
-        // Far longer than any run, so nothing overflows.
-        let ready = now.wrapping_add(waited).wrapping_add(self.wait_states);
-        (self.prefetched, self.ready) = if self.acr & PRFTEN != 0 {
-            (line.wrapping_add(1), ready.wrapping_add(1))
-        } else {
-            (u32::MAX, 0)
-        };
-        waited
-    }
-
-    /// Cycles that the core waits for a line that is not in the cache.
-    #[inline(never)]
-    fn miss(&mut self, line: u32, now: u64) -> u64 {
-        let waited = if self.prefetched == line {
+        let waited = if self.code.hit(line) {
+            0
+        } else if self.prefetched == line {
             self.ready.saturating_sub(now)
         } else {
             self.code.insert(line);
             self.wait_states
         };
         self.waited += waited;
+        // Far longer than any run, so nothing overflows.
+        let ready = now.wrapping_add(waited).wrapping_add(self.wait_states);
+        self.ready = ready.wrapping_add(1);
+        self.prefetched = line.wrapping_add(1) | self.no_prefetch;
         waited
     }
 

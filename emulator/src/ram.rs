@@ -132,6 +132,10 @@ impl Ram {
     /// Reads bytes.
     pub(crate) fn read_at(&self, offset: u64, to: &mut [u8]) -> MemResult {
         let begin = self.span(offset, to.len())?;
+        if let (Ok(word), 0) = (<&mut [u8; 4]>::try_from(&mut *to), begin & 3) {
+            *word = self.word(begin).to_le_bytes();
+            return Ok(());
+        }
         for (at, byte) in (begin..).zip(to) {
             *byte = (self.at(at).load(Relaxed) >> (8 * (at & 3))) as u8;
         }
@@ -141,6 +145,10 @@ impl Ram {
     /// Writes bytes.
     pub(crate) fn write_at(&self, offset: u64, from: &[u8]) -> MemResult {
         let begin = self.span(offset, from.len())?;
+        if let (Ok(word), 0) = (<[u8; 4]>::try_from(from), begin & 3) {
+            self.set_word(begin, u32::from_le_bytes(word));
+            return Ok(());
+        }
         for (at, byte) in (begin..).zip(from) {
             let (cell, shift) = (self.at(at), 8 * (at & 3));
             let word = cell.load(Relaxed) & !(0xFF << shift) | u32::from(*byte) << shift;

@@ -36,7 +36,8 @@ impl Board {
         let mut target = 0;
         let mut stall = None;
         loop {
-            if self.shared.attention.swap(false, Relaxed) {
+            if self.shared.attention.load(Relaxed) {
+                self.shared.attention.store(false, Relaxed);
                 let (reset, stop, sent);
                 (target, stall, reset, stop, sent) = self.shared.look(|soc| {
                     let stall = soc
@@ -85,7 +86,7 @@ impl Board {
                     self.skip_to(limit);
                     self.shared.with(|soc| soc.stood(stood));
                 }
-                _ if self.asleep && !self.shared.lines_changed.swap(false, Relaxed) => {
+                _ if self.asleep && !self.shared.lines_changed.load(Relaxed) => {
                     self.sleep_to(limit)?
                 }
                 _ => self.execute(limit.min(self.now + LOOK_CYCLES)),
@@ -158,7 +159,9 @@ impl Board {
             self.cpu.set_fpscr(fpscr);
         } else if after.r[15] != pc {
             let waited = self.wait_for(pc);
-            self.cpu.with_sys(|sys| sys.tick_cyccnt(waited));
+            if waited > 0 {
+                self.cpu.with_sys(|sys| sys.tick_cyccnt(waited));
+            }
             cycles += waited;
         }
         if left != 0 && entered {
@@ -176,6 +179,7 @@ impl Board {
     /// Cycles that the core waited for the instruction that it has just read from flash.
     fn wait_for(&mut self, pc: u32) -> u64 {
         let memory = Memory {
+            cpu: &self.cpu,
             ram: &self.ram,
             flash: &self.flash,
             shared: &self.shared,
@@ -187,11 +191,12 @@ impl Board {
     fn execute_fast(&mut self, limit: u64, mut drowsy: bool) {
         loop {
             let memory = Memory {
+                cpu: &self.cpu,
                 ram: &self.ram,
                 flash: &self.flash,
                 shared: &self.shared,
             };
-            let (now, instructions) = self.fast.run(&self.cpu, memory, self.now, limit);
+            let (now, instructions) = self.fast.run(memory, self.now, limit);
             self.now = now;
             self.instructions += instructions;
             if self.now >= limit || self.shared.attention.load(Relaxed) {
@@ -305,11 +310,12 @@ impl Board {
     /// A single step takes the same path as a long run, so stepping costs the same cycles.
     fn step_either_way(&mut self) -> (u64, bool) {
         let memory = Memory {
+            cpu: &self.cpu,
             ram: &self.ram,
             flash: &self.flash,
             shared: &self.shared,
         };
-        let (now, instructions) = self.fast.run(&self.cpu, memory, self.now, self.now + 1);
+        let (now, instructions) = self.fast.run(memory, self.now, self.now + 1);
         if instructions > 0 {
             let cycles = now - self.now;
             self.now = now;

@@ -28,6 +28,7 @@ pub use errors::{CanError, ErrorCounters};
 pub use frame::{CanFrame, CanId};
 pub use port::CanPort;
 
+use crate::clock::earliest;
 use receive::Fifo;
 use transmit::Mailbox;
 
@@ -227,15 +228,15 @@ impl Can {
     #[must_use]
     pub fn next_event(&self) -> Option<u64> {
         let loop_back = self.loop_back.map(|(_, at)| at);
-        [self.joins_at, self.errors.recovers_at(), loop_back]
-            .into_iter()
-            .flatten()
-            .min()
+        earliest([self.joins_at, self.errors.recovers_at(), loop_back])
     }
 
     /// Interrupt lines (30.8), as of the last [`Can::sync`].
     #[must_use]
     pub fn lines(&self) -> Lines {
+        if self.ier == 0 {
+            return Lines::default();
+        }
         let fifo = |index: usize| {
             let enabled = self.ier >> (3 * index);
             self.fifos[index].interrupt(

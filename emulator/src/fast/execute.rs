@@ -8,7 +8,7 @@ use rsemu::cpu::arm::v7m::isa::{
     BitfieldOp, Cond, DpOp, ExtendOp, HintOp, Insn, MemOffset, MiscOp, Operand, Shift, ShiftType,
     Size,
 };
-use rsemu::cpu::arm::v7m::{ArmV7m, xpsr};
+use rsemu::cpu::arm::v7m::xpsr;
 
 use super::{Core, Done, Leave, Memory, exchangeable};
 
@@ -122,13 +122,7 @@ impl Core {
 
     /// Executes one instruction. `keep_flags`: a 16-bit instruction in an IT block, which sets no
     /// flags.
-    pub(super) fn execute(
-        &mut self,
-        cpu: &ArmV7m,
-        memory: Memory<'_>,
-        insn: &Insn,
-        keep_flags: bool,
-    ) -> Done {
+    pub(super) fn execute(&mut self, memory: Memory<'_>, insn: &Insn, keep_flags: bool) -> Done {
         match *insn {
             Insn::DataProc {
                 op,
@@ -465,7 +459,7 @@ impl Core {
             } => {}
             Insn::Fp(insn) => {
                 if self.fp_usable && !self.fp_loaded {
-                    self.load_float(cpu);
+                    self.load_float(memory.cpu);
                 }
                 return self.float(memory, insn);
             }

@@ -5,14 +5,16 @@
 //! an instruction. Nearly all instructions are plain: arithmetic, branches, loads, stores, floating
 //! point. The fast path executes those on a copy of the registers, in *sessions*. A session begins
 //! when no interrupt can be taken. It ends before any instruction that is not plain, without having
-//! changed anything for it: exception return, sleep, special registers, the core's own peripherals,
-//! an access that would fault. The reference core then executes that one step.
+//! changed anything for it: exception return, sleep, special registers, an access that would fault,
+//! one to the core's own peripherals other than the interrupt controller and the cycle counter. The
+//! reference core then executes that one step.
 //!
-//! Interrupts can only come from a peripheral. Peripherals change only at the limit that the caller
-//! gives or by an access of the session, which ends when such an access has changed an interrupt
-//! line; the next session begins unless an interrupt can be taken. Cycles are counted as the
-//! reference core counts them: the two give the same results to the cycle, which tests compare
-//! instruction by instruction and run by run.
+//! Interrupts can only come from a peripheral or from a write to the interrupt controller.
+//! Peripherals change only at the limit that the caller gives or by an access of the session, which
+//! ends when an access has changed an interrupt line or the controller; the next session begins
+//! unless an interrupt can be taken. Cycles are counted as the reference core counts them: the two
+//! give the same results to the cycle, which tests compare instruction by instruction and run by
+//! run.
 
 mod code;
 mod execute;
@@ -24,6 +26,7 @@ mod tests;
 mod transfer;
 mod translate;
 
+use std::ops::RangeInclusive;
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 
@@ -31,7 +34,7 @@ use rsemu::core::space::RamStore;
 use rsemu::core::value::{Endian, Width};
 use rsemu::cpu::arm::v7m::fp::Fpu;
 use rsemu::cpu::arm::v7m::isa::Insn;
-use rsemu::cpu::arm::v7m::sys::Exception;
+use rsemu::cpu::arm::v7m::sys::{DWT_CYCCNT, Exception, Sys};
 use rsemu::cpu::arm::v7m::{ArmV7m, Regs, xpsr};
 
 use crate::address_space::Shared;
@@ -62,6 +65,7 @@ enum End {
 /// What a session can reach.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Memory<'a> {
+    pub(crate) cpu: &'a ArmV7m,
     pub(crate) ram: &'a Ram,
     pub(crate) flash: &'a RamStore,
     pub(crate) shared: &'a Shared,
@@ -75,6 +79,8 @@ const NPRIV: u32 = 1;
 /// CCR: traps on unaligned accesses and on division by zero.
 const UNALIGN_TRP: u32 = 1 << 3;
 const DIV_0_TRP: u32 = 1 << 4;
+/// The registers of the interrupt controller but STIR (ARMv7-M ARM, table B3-8).
+const NVIC: RangeInclusive<u32> = 0xE000_E100..=0xE000_E4EF;
 /// Cycles of a division or a square root in floating point (Cortex-M4 TRM, table 7-1).
 const DIVISION: u64 = 14;
 
@@ -88,6 +94,8 @@ pub(crate) struct Fast {
 /// The registers of a session.
 #[derive(Debug)]
 struct Core {
+    /// What the reference core had when the session began.
+    given: Regs,
     r: [u32; 16],
     /// xPSR without ITSTATE and without the flags N, Z, C and V, which are: bit 31, whether it is
     /// zero, whether it is set, bit 31. An instruction therefore stores its result for both N and Z
@@ -112,6 +120,8 @@ struct Core {
     /// An exception waits for its turn, and PRIMASK was cleared.
     waiting: bool,
     unmasked: bool,
+    /// Up to when the cycle counter has counted.
+    ticked: u64,
     // Of the instruction under way:
     now: u64,
     address: u32,
@@ -159,23 +169,17 @@ impl Fast {
 
     /// Runs until cycle `limit`, an instruction that is not plain, or something that needs
     /// attention. Returns the cycle reached and the instructions executed.
-    pub(crate) fn run(
-        &mut self,
-        cpu: &ArmV7m,
-        memory: Memory<'_>,
-        now: u64,
-        limit: u64,
-    ) -> (u64, u64) {
+    pub(crate) fn run(&mut self, memory: Memory<'_>, now: u64, limit: u64) -> (u64, u64) {
         let Self { code, core } = self;
         let mut reached = now;
         let mut instructions = 0;
-        while reached < limit && core.enter(cpu, memory.shared) {
+        while reached < limit && core.enter(memory.cpu, memory.shared) {
             code.check(memory.shared.flash_version.load(Relaxed));
             core.configure_fetch(memory.shared);
-            core.now = reached;
-            let (executed, end) = core.session(code, cpu, memory, limit);
+            (core.now, core.ticked) = (reached, reached);
+            let (executed, end) = core.session(code, memory, limit);
             if executed > 0 {
-                core.leave(cpu, core.now - reached);
+                core.leave(memory.cpu);
                 memory.shared.now.store(core.now, Relaxed);
             }
             reached = core.now;
@@ -191,6 +195,7 @@ impl Fast {
 impl Core {
     fn new(family: Family, defects: &Defects) -> Self {
         Self {
+            given: Regs::new(),
             r: [0; 16],
             psr: 0,
             n: 0,
@@ -208,6 +213,7 @@ impl Core {
             exclusive: None,
             waiting: false,
             unmasked: false,
+            ticked: 0,
             now: 0,
             address: 0,
             cycles: 0,
@@ -225,6 +231,7 @@ impl Core {
     /// Takes the registers over, unless the next step is the reference core's.
     fn enter(&mut self, cpu: &ArmV7m, shared: &Shared) -> bool {
         let regs = cpu.regs();
+        self.given = regs;
         if !(FLASH_BASE..FLASH_BASE + LARGEST_FLASH as u32).contains(&regs.r[15])
             || regs.control & NPRIV != 0
             || regs.faultmask
@@ -234,10 +241,9 @@ impl Core {
         {
             return false;
         }
-        let priority = cpu.execution_priority();
         shared.lines_changed.store(false, Relaxed);
         let lines = shared.lines();
-        let plain = cpu.with_sys(|sys| {
+        let (plain, pending) = cpu.with_sys(|sys| {
             // A line makes its exception pending, unless that is active (ARMv7-M ARM, B3.4.1).
             for (word, mut bits) in lines.into_iter().enumerate() {
                 while bits != 0 {
@@ -248,16 +254,15 @@ impl Core {
                     }
                 }
             }
-            let pending = sys.highest_pending();
-            self.waiting = pending.is_some();
             self.fp_usable =
                 sys.fp_enabled(true) && sys.fpccr & LSPACT == 0 && regs.control & FPCA != 0;
-            pending.is_none_or(|(_, urgency)| urgency >= priority)
-                && sys.syst_csr & 1 == 0
+            let plain = sys.syst_csr & 1 == 0
                 && sys.mpu_ctrl & 1 == 0
-                && sys.ccr & (UNALIGN_TRP | DIV_0_TRP) == 0
+                && sys.ccr & (UNALIGN_TRP | DIV_0_TRP) == 0;
+            (plain, sys.highest_pending())
         });
-        if !plain {
+        self.waiting = pending.is_some();
+        if !plain || pending.is_some_and(|(_, urgency)| urgency < cpu.execution_priority()) {
             return false;
         }
         self.r = regs.r;
@@ -271,18 +276,12 @@ impl Core {
     }
 
     /// Instructions up to the limit or to what ends the session: how many, and what it was.
-    fn session(
-        &mut self,
-        code: &mut Code,
-        cpu: &ArmV7m,
-        memory: Memory<'_>,
-        limit: u64,
-    ) -> (u64, End) {
+    fn session(&mut self, code: &mut Code, memory: Memory<'_>, limit: u64) -> (u64, End) {
         let mut instructions = 0;
         while self.now < limit {
             let page = code.page(self.r[15], memory.flash);
             let left = page
-                .and_then(|page| self.run_in(page, cpu, memory, limit, &mut instructions))
+                .and_then(|page| self.run_in(page, memory, limit, &mut instructions))
                 .is_err();
             if left {
                 return (instructions, End::ToOthers);
@@ -305,8 +304,8 @@ impl Core {
     }
 
     /// Gives the registers back.
-    fn leave(&mut self, cpu: &ArmV7m, cycles: u64) {
-        let before = cpu.regs();
+    fn leave(&mut self, cpu: &ArmV7m) {
+        let before = self.given;
         let uses_psp = before.control & 2 != 0 && !before.in_handler();
         let it = u32::from(self.it);
         let mut regs = Regs {
@@ -324,12 +323,12 @@ impl Core {
         if self.fp_loaded {
             self.store_float(cpu);
         }
-        cpu.with_sys(|sys| sys.tick_cyccnt(cycles));
+        cpu.with_sys(|sys| self.tick(sys));
     }
 
     /// One instruction.
     #[inline]
-    fn step(&mut self, cpu: &ArmV7m, memory: Memory<'_>, entry: &Entry) -> Done {
+    fn step(&mut self, memory: Memory<'_>, entry: &Entry) -> Done {
         let pc = self.r[15];
         let &Entry { ref insn, length } = entry;
         self.address = pc;
@@ -342,10 +341,7 @@ impl Core {
         if it == 0 || self.passes(it >> 4) {
             // The program counter reads as the instruction's address plus four.
             self.r[15] = pc.wrapping_add(4);
-            if self
-                .execute(cpu, memory, insn, it != 0 && length == 2)
-                .is_err()
-            {
+            if self.execute(memory, insn, it != 0 && length == 2).is_err() {
                 self.r[15] = pc;
                 return Err(Leave);
             }
@@ -378,7 +374,7 @@ impl Core {
                     .shared
                     .with(|soc| soc.read(address, width.bytes() as u32))
             }
-            Err(Leave) => return Err(Leave),
+            Err(Leave) => self.read_core(memory, address, width)?,
         };
         self.cycles += 1;
         Ok(value)
@@ -403,7 +399,9 @@ impl Core {
     fn write(&mut self, memory: Memory<'_>, address: u32, width: Width, value: u32) -> Done {
         if let Err(Leave) = self.write_plain(memory, address, width, value) {
             if !is_peripheral(address, width) {
-                return Err(Leave);
+                self.write_core(memory, address, width, value)?;
+                self.cycles += 1;
+                return Ok(());
             }
             memory.shared.now.store(self.now, Relaxed);
             self.io = true;
@@ -417,6 +415,40 @@ impl Core {
         }
         self.cycles += 1;
         Ok(())
+    }
+
+    /// Reads a word of the interrupt controller or the cycle counter.
+    fn read_core(&mut self, memory: Memory<'_>, address: u32, width: Width) -> Result<u32, Leave> {
+        if width != Width::U32
+            || !(NVIC.contains(&address) || address == DWT_CYCCNT)
+            || address & 3 != 0
+        {
+            return Err(Leave);
+        }
+        memory
+            .cpu
+            .with_sys(|sys| {
+                self.tick(sys);
+                sys.read_word(address, false)
+            })
+            .ok_or(Leave)
+    }
+
+    /// Writes a word of the interrupt controller, after which an interrupt may have to be taken.
+    fn write_core(&mut self, memory: Memory<'_>, address: u32, width: Width, value: u32) -> Done {
+        if width != Width::U32 || !NVIC.contains(&address) || address & 3 != 0 {
+            return Err(Leave);
+        }
+        memory.cpu.with_sys(|sys| sys.write_word(address, value));
+        self.io = true;
+        memory.shared.lines_changed.store(true, Relaxed);
+        Ok(())
+    }
+
+    /// Lets the cycle counter count up to the instruction under way.
+    fn tick(&mut self, sys: &mut Sys) {
+        sys.tick_cyccnt(self.now - self.ticked);
+        self.ticked = self.now;
     }
 
     /// Writes RAM, without counting the cycle.

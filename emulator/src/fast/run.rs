@@ -7,12 +7,12 @@
 //! leaves the loop has not changed anything.
 
 use rsemu::core::value::Width;
-use rsemu::cpu::arm::v7m::ArmV7m;
 
 use super::code::Page;
 use super::micro::Op;
 use super::translate::PAGE;
 use super::{Core, Done, Leave, Memory, advanced, exchangeable};
+use crate::fetch::TWO_LINES;
 use crate::memory_map::{FLASH_BASE, RAM_BASE};
 
 /// The page of an address.
@@ -25,7 +25,6 @@ impl Core {
     pub(super) fn run_in(
         &mut self,
         page: &Page,
-        cpu: &ArmV7m,
         memory: Memory<'_>,
         limit: u64,
         instructions: &mut u64,
@@ -116,7 +115,7 @@ impl Core {
                         if !self.fp_usable {
                             leave!();
                         }
-                        self.load_float(cpu);
+                        self.load_float(memory.cpu);
                     }
                 };
             }
@@ -125,7 +124,7 @@ impl Core {
                 Op::Other => {
                     (self.r[15], self.now) = (pc, now);
                     let done = match page.entry(pc) {
-                        Ok(entry) => self.step(cpu, memory, entry),
+                        Ok(entry) => self.step(memory, entry),
                         Err(Leave) => Err(Leave),
                     };
                     if done.is_err() {
@@ -140,7 +139,7 @@ impl Core {
                     self.cycles = 0;
                     let keep_flags = it != 0 && slot.next.wrapping_sub(pc) == 2;
                     let done = match page.entry(pc) {
-                        Ok(entry) => self.execute(cpu, memory, &entry.insn, keep_flags),
+                        Ok(entry) => self.execute(memory, &entry.insn, keep_flags),
                         Err(Leave) => Err(Leave),
                     };
                     if done.is_err() {
@@ -152,7 +151,7 @@ impl Core {
                     float!();
                     (self.cycles, self.now) = (0, now);
                     let done = match page.entry(pc) {
-                        Ok(entry) => self.execute(cpu, memory, &entry.insn, false),
+                        Ok(entry) => self.execute(memory, &entry.insn, false),
                         Err(Leave) => Err(Leave),
                     };
                     if done.is_err() {
@@ -412,13 +411,11 @@ impl Core {
                 }
                 Op::StoreTwo { t, t2, n, by } => {
                     let at = self.get(n).wrapping_add_signed(i32::from(by));
-                    let offset = at.wrapping_sub(RAM_BASE);
-                    let (low, high) = (self.get(t), self.get(t2));
-                    if offset & 3 != 0 || offset > memory.ram.size() - 8 {
+                    let Some(offset) = Self::in_ram(memory.ram, at, 2) else {
                         leave!();
-                    }
-                    let _ = memory.ram.write_aligned(offset, Width::U32, low);
-                    let _ = memory.ram.write_aligned(offset + 4, Width::U32, high);
+                    };
+                    memory.ram.set_word(offset, self.get(t));
+                    memory.ram.set_word(offset + 4, self.get(t2));
                     cycles = cycles.wrapping_add(2);
                 }
                 Op::Multiple {
@@ -543,8 +540,12 @@ impl Core {
             }
 
             if self.fetch.line() != slot.line {
-                let at = pc.wrapping_sub(FLASH_BASE);
-                let waited = self.fetch.lines(at, slot.next.wrapping_sub(pc), now);
+                let waited = if slot.line == TWO_LINES {
+                    let at = pc.wrapping_sub(FLASH_BASE);
+                    self.fetch.lines(at, slot.next.wrapping_sub(pc), now)
+                } else {
+                    self.fetch.other_line(slot.line, now)
+                };
                 cycles = cycles.wrapping_add(waited);
             }
             now = now.wrapping_add(cycles);

@@ -141,6 +141,7 @@ fn compare(seed: u64, rounds: u32) -> u32 {
     let machine = Machine::new(&mut random);
     let Machine { cpu, shared, .. } = &machine;
     let memory = Memory {
+        cpu,
         ram: &machine.ram,
         flash: &machine.flash,
         shared,
@@ -174,7 +175,7 @@ fn compare(seed: u64, rounds: u32) -> u32 {
         machine.set_float_state(float);
         // What the test sets, only a step of the reference core could have set.
         fast.forget_floats();
-        let (cycles, executed) = fast.run(cpu, memory, 0, 1);
+        let (cycles, executed) = fast.run(memory, 0, 1);
         if executed == 0 {
             assert_eq!(cpu.regs(), regs, "left with a trace");
             continue;

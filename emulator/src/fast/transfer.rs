@@ -131,6 +131,10 @@ impl Core {
         at: u32,
         now: u64,
     ) -> Result<(u32, u32), Leave> {
+        if let Some(offset) = Self::in_ram(memory.ram, at, 2) {
+            self.cycles = 2;
+            return Ok((memory.ram.word(offset), memory.ram.word(offset + 4)));
+        }
         (self.cycles, self.now) = (0, now);
         self.words(memory, at, 2, true)?;
         let low = self.read(memory, at, Width::U32)?;

@@ -60,6 +60,10 @@ impl Soc {
     pub(crate) fn dispatch(&mut self) {
         let (now, now_ps) = (self.now, self.now_ps());
         for number in 0..self.timers.len() {
+            // A quiet timer has no event, and is brought to the present when something looks at it.
+            if self.timers[number].is_quiet() && self.trace.is_none() {
+                continue;
+            }
             let delayed = self.timers[number].edge_due(now);
             self.timers[number].sync(now);
             if delayed {
@@ -102,12 +106,11 @@ impl Soc {
             self.record(&mut trace);
             self.trace = Some(trace);
         }
-        self.irq = [0; 4];
-        let mut line = |number: u16, on: bool| {
-            self.irq[usize::from(number / 32)] |= u32::from(on) << (number % 32);
-        };
+        let mut lines: u128 = 0;
+        let mut line = |number: u16, on: bool| lines |= u128::from(on) << number;
         let mut next = u64::MAX;
-        for (number, timer) in self.timers.iter().enumerate().skip(1) {
+        for number in 1..self.timers.len() {
+            let timer = &self.timers[number];
             if timer.is_quiet() {
                 continue;
             }
@@ -146,9 +149,12 @@ impl Soc {
         line(irq::USART2, self.usart2.line());
         line(irq::DMA1_STREAM_5, self.dma1.line(5));
         line(irq::DMA1_STREAM_6, self.dma1.line(6));
-        for (number, on) in self.exti.lines() {
-            line(number, on);
+        if !self.exti.is_quiet() {
+            for (number, on) in self.exti.lines() {
+                line(number, on);
+            }
         }
+        self.irq = std::array::from_fn(|word| (lines >> (32 * word)) as u32);
         next = next.min(self.can.next_event().unwrap_or(u64::MAX));
         next = next.min(self.can2.next_event().unwrap_or(u64::MAX));
         next = next.min(self.usart2.next_event().unwrap_or(u64::MAX));

@@ -34,6 +34,7 @@ use crate::system::flash::Flash;
 use crate::system::gpio::{Gpio, Mode, Port};
 use crate::system::iwdg::Iwdg;
 use crate::system::map::{Entry, Gate, Unit};
+use crate::system::pins::{Route, Row};
 use crate::system::pwr::Pwr;
 use crate::system::rcc::{Rcc, cause};
 use crate::system::spi::Spi;
@@ -100,6 +101,9 @@ struct Places {
     /// Peripherals that have a whole kilobyte from [`PERIPHERALS`] on.
     pages: [Option<&'static Entry>; 256],
     timer_gates: [Gate; 15],
+    /// Pins that can carry the channels of a timer, and channels that a pin can carry.
+    channels: [[Vec<&'static Route>; 4]; 15],
+    channels_at: [[Vec<&'static Row>; 16]; Port::ALL.len()],
 }
 
 const PERIPHERALS: u32 = 0x4000_0000;
@@ -116,6 +120,12 @@ impl Places {
         Self {
             pages: std::array::from_fn(page),
             timer_gates: std::array::from_fn(|number| chip.gate(Unit::Timer(number))),
+            channels: std::array::from_fn(|timer| {
+                [1, 2, 3, 4].map(|channel| chip.pins.timer_channel(timer, channel).collect())
+            }),
+            channels_at: Port::ALL.map(|port| {
+                std::array::from_fn(|pin| chip.pins.channels_at(port, pin as u8).collect())
+            }),
         }
     }
 
@@ -354,7 +364,7 @@ impl Soc {
     }
 
     fn read_word(&mut self, unit: Unit, offset: u32) -> Result<u32, &'static str> {
-        let (now, now_ps) = (self.now, self.now_ps());
+        let now = self.now;
         match unit {
             Unit::Timer(number) => self.timers[number]
                 .read(now, offset)
@@ -386,21 +396,21 @@ impl Soc {
             Unit::Crc => self.crc.read(offset).ok_or(""),
             Unit::Rcc => {
                 self.apply_clocks();
-                self.rcc.read(now_ps, offset).ok_or("")
+                self.rcc.read(self.now_ps(), offset).ok_or("")
             }
-            Unit::Pwr => self.pwr.read(now_ps, offset).ok_or(""),
-            Unit::Flash => self.flash.read(now_ps, offset).ok_or(""),
+            Unit::Pwr => self.pwr.read(self.now_ps(), offset).ok_or(""),
+            Unit::Flash => self.flash.read(self.now_ps(), offset).ok_or(""),
             Unit::Exti => self.exti.read(offset).ok_or(""),
             Unit::Syscfg => self.exti.read_syscfg(offset).ok_or(""),
             Unit::Afio if (8..=0x14).contains(&offset) => self.exti.read_syscfg(offset).ok_or(""),
             Unit::Afio => self.afio.read(offset).ok_or(""),
-            Unit::Iwdg => self.iwdg.read(now_ps, offset).ok_or(""),
+            Unit::Iwdg => self.iwdg.read(self.now_ps(), offset).ok_or(""),
             Unit::Adc(number) => {
                 let adc = &self.adcs[number - 1];
                 let analog = adc
                     .pin(offset)
                     .is_some_and(|(port, pin)| self.gpio[port as usize].mode(pin) == Mode::Analog);
-                adc.read(now_ps, offset, analog).ok_or("")
+                adc.read(self.now_ps(), offset, analog).ok_or("")
             }
             Unit::AdcCommon => self.adcs[0].read_common(offset).ok_or(""),
             Unit::Other => Err(""),
@@ -408,7 +418,7 @@ impl Soc {
     }
 
     fn write_word(&mut self, unit: Unit, offset: u32, value: u32) -> Result<(), &'static str> {
-        let (now, now_ps) = (self.now, self.now_ps());
+        let now = self.now;
         match unit {
             Unit::Timer(number) => self.timers[number]
                 .write(now, offset, value)
@@ -439,7 +449,7 @@ impl Soc {
             }
             Unit::Rcc => {
                 self.rcc
-                    .write(now_ps, offset, value, self.pwr.backup_access())
+                    .write(self.now_ps(), offset, value, self.pwr.backup_access())
                     .ok_or("")?;
                 if self.rcc.resets(offset) {
                     self.apply_resets();
@@ -449,12 +459,12 @@ impl Soc {
             }
             Unit::Pwr => {
                 let before = self.pwr.is_low();
-                self.pwr.write(now_ps, offset, value).ok_or("")?;
+                self.pwr.write(self.now_ps(), offset, value).ok_or("")?;
                 self.detected(before);
                 Ok(())
             }
             Unit::Flash => {
-                self.flash.write(now_ps, offset, value).ok_or("")?;
+                self.flash.write(self.now_ps(), offset, value).ok_or("")?;
                 self.check_power();
                 self.check_clocks();
                 Ok(())
@@ -470,8 +480,8 @@ impl Soc {
                 Ok(())
             }
             Unit::Crc => self.crc.write(offset, value).ok_or(""),
-            Unit::Iwdg => self.iwdg.write(now_ps, offset, value).ok_or(""),
-            Unit::Adc(number) => self.adcs[number - 1].write(now_ps, offset, value),
+            Unit::Iwdg => self.iwdg.write(self.now_ps(), offset, value).ok_or(""),
+            Unit::Adc(number) => self.adcs[number - 1].write(self.now_ps(), offset, value),
             Unit::AdcCommon => {
                 let mut adcs = self.adcs.iter_mut();
                 adcs.try_for_each(|adc| adc.write_common(offset, value))

@@ -11,11 +11,12 @@ impl Soc {
     /// Processes a change of a pin: edges for EXTI, the encoder and the break inputs.
     pub(super) fn pins_changed(&mut self, port: Port, before: u32) {
         let after = self.gpio[port as usize].idr();
-        for pin in 0..16 {
-            if (before ^ after) >> pin & 1 != 0 {
-                self.exti.edge(port, pin, after >> pin & 1 != 0);
-                self.timer_input(port, pin);
-            }
+        let mut changed = before ^ after;
+        while changed != 0 {
+            let pin = changed.trailing_zeros() as u8;
+            changed &= changed - 1;
+            self.exti.edge(port, pin, after >> pin & 1 != 0);
+            self.timer_input(port, pin);
         }
         self.follow_breaks();
     }

@@ -88,7 +88,9 @@ impl Soc {
                 let pins = &self.chip.pins;
                 let (mut level, mut taken) = (None, false);
                 // An STM32F1's pin can be two timers': the one that has its output on drives it.
-                for &(timer, channel, ref route) in pins.channels_at(port, pin) {
+                for &&(timer, channel, ref route) in
+                    &self.places.channels_at[port as usize][usize::from(pin & 15)]
+                {
                     if self.connected(route) {
                         self.timers[timer].sync(self.now);
                         level = level.or(self.timers[timer].level(channel - 1));
@@ -125,7 +127,7 @@ impl Soc {
         }
         self.timers[timer].sync(self.now);
         let state = self.timers[timer].pwm(channel - 1, self.clock.hz());
-        let mut routes = self.chip.pins.timer_channel(timer, channel);
+        let mut routes = self.places.channels[timer][channel - 1].iter();
         let connected = routes.any(|route| self.connected(route));
         self.at_pin(state, timer, connected)
     }

@@ -113,6 +113,12 @@ impl Exti {
         Some(())
     }
 
+    /// Whether no line is up.
+    #[must_use]
+    pub fn is_quiet(&self) -> bool {
+        self.pr & self.imr == 0
+    }
+
     /// Interrupt lines: number and level.
     pub fn lines(&self) -> impl Iterator<Item = (u16, bool)> {
         let on = self.pr & self.imr;

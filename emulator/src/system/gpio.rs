@@ -63,6 +63,15 @@ pub enum Mode {
     Analog,
 }
 
+/// Bits 0, 2, 4 and so on, side by side.
+fn even_bits(bits: u32) -> u32 {
+    let bits = bits & 0x5555_5555;
+    let bits = (bits | bits >> 1) & 0x3333_3333;
+    let bits = (bits | bits >> 2) & 0x0F0F_0F0F;
+    let bits = (bits | bits >> 4) & 0x00FF_00FF;
+    (bits | bits >> 8) & 0xFFFF
+}
+
 /// One port.
 #[derive(Debug, Clone)]
 pub struct Gpio {
@@ -182,21 +191,22 @@ impl Gpio {
     /// low.
     #[must_use]
     pub fn level(&self, pin: u8) -> bool {
-        let pin = pin & 15;
-        match self.driven(pin) {
-            PinLevel::High => true,
-            PinLevel::Low => false,
-            PinLevel::Floating if self.connected >> pin & 1 != 0 => self.external >> pin & 1 != 0,
-            PinLevel::Floating => self.pupdr >> (2 * pin) & 3 == 1,
-        }
+        self.levels() >> (pin & 15) & 1 != 0
+    }
+
+    /// The same of all pins, worked out at once because every access of a port needs them.
+    fn levels(&self) -> u32 {
+        let output = even_bits(self.moder & !(self.moder >> 1));
+        let pull_up = even_bits(self.pupdr & !(self.pupdr >> 1));
+        let driven = output & !(self.odr & self.otyper);
+        let outside = self.connected & self.external | !self.connected & pull_up;
+        driven & self.odr | !driven & outside
     }
 
     /// The input register (7.4.5): analog pins read 0.
     #[must_use]
     pub fn idr(&self) -> u32 {
-        (0..16).fold(0, |idr, pin| {
-            idr | u32::from(self.mode(pin) != Mode::Analog && self.level(pin)) << pin
-        })
+        self.levels() & !even_bits(self.moder & self.moder >> 1) & 0xFFFF
     }
 
     /// Reads a register; `None` for an offset without one.

@@ -11,6 +11,8 @@
 
 use std::collections::VecDeque;
 
+use crate::clock::earliest;
+
 /// Registers (section 25.6).
 mod reg {
     pub const SR: u32 = 0x00;
@@ -436,10 +438,7 @@ impl Usart {
     /// When something will next happen by itself.
     pub(crate) fn next_event(&self) -> Option<u64> {
         let shifted = self.shifting.map(|(_, end)| end);
-        [shifted, self.sampled_at, self.idle_at]
-            .into_iter()
-            .flatten()
-            .min()
+        earliest([shifted, self.sampled_at, self.idle_at])
     }
 
     /// Whether it asks for an interrupt (25.5).

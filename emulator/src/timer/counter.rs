@@ -163,6 +163,9 @@ impl Timer {
     /// Sets the compare flags whose match lies after phase `from` and not after phase `to`.
     fn flag_matches(&mut self, from: u64, to: u64) {
         for channel in 0..self.kind.channels {
+            if self.sr & flag::compare(channel) != 0 {
+                continue;
+            }
             for at in self.match_phases(channel).into_iter().flatten() {
                 if from < at && at <= to {
                     self.sr |= flag::compare(channel);

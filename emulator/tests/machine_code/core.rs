@@ -408,3 +408,26 @@ fn a_reservation_outlasts_a_masked_interrupt() {
         assert_eq!(words, [Some(1), Some(stored), Some(failed)]);
     }
 }
+
+/// A load and a store take two cycles each, the others one (Cortex-M4 TRM, table 3-1).
+#[test]
+fn the_cycle_counter_counts_up_to_the_instruction_that_reads_it() {
+    for reference_core in [false, true] {
+        let mut code = Code::default();
+        code.store(0xE000_EDFC, 1 << 24); // DEMCR.TRCENA
+        code.store(0xE000_1000, 1); // DWT_CTRL.CYCCNTENA
+        code.load(4, RAM);
+        code.load(0, 0xE000_1004); // DWT_CYCCNT
+        code.0.push(0x6802); // LDR r2, [r0]
+        code.0.push(0x6022); // STR r2, [r4]
+        code.0.extend([0xBF00; 3]); // NOP
+        code.0.push(0x6803); // LDR r3, [r0]
+        code.0.push(0x6063); // STR r3, [r4, #4]
+        code.branch_to_itself();
+        let mut board = code.board_on(reference_core, 0);
+        board.run_until(1_000_000).unwrap();
+        let [first, second] = [RAM, RAM + 4].map(|address| board.read_word(address).unwrap());
+        // The store to DWT_CTRL counts itself, and four instructions lie before the first read.
+        assert_eq!((first, second), (6, 13));
+    }
+}
