@@ -5,8 +5,11 @@
 //! member's own time, when SYNC would have arrived without the jitter. An eighth of the bandwidth
 //! of SYNC itself would still follow the jitter, so the gains are a 32nd and a 4096th. The
 //! remaining jitter is the same in every member, because all filter the same instants in the same
-//! way. The integral part removes the difference between the crystals. A test shows that the ticks
-//! of two members 100 ppm apart coincide within a few microseconds.
+//! way. The integral part removes the difference between the crystals. Until as many SYNCs have
+//! come as such gains remember, the estimate is the straight line of least squares through all so
+//! far, whose gains fall from one to those: with fixed gains the crystals' difference would be
+//! learnt in seconds, and ticks of members 100 ppm apart be 22 us from each other meanwhile. A test
+//! shows that they coincide within a few microseconds.
 //!
 //! The control tick follows that estimate: [`TickSchedule`] moves each tick by at most
 //! [`MAX_SHIFT_US`] towards half a tick after the grid, far from the moment at which SYNC frames
@@ -18,7 +21,7 @@
 
 use crate::time::{Micros, TICK_US};
 
-/// Part of the phase error that is corrected at once, as a shift: a 32nd.
+/// Part of the phase error that is corrected at once when many SYNCs have come, as a shift: a 32nd.
 const PHASE_SHIFT: u32 = 5;
 
 /// Part of the phase error that goes into the period, as a shift: critically damped, a quarter of
@@ -30,7 +33,14 @@ const PERIOD_SHIFT: u32 = 2 * PHASE_SHIFT + 2;
 const FRACTION: u32 = 20;
 
 /// Largest deviation of the period that is accepted, in a microsecond: 500 ppm.
-const MAX_DRIFT: i32 = (1 << FRACTION) / 2_000;
+const MAX_DRIFT: i64 = (1 << FRACTION) / 2_000;
+
+/// The same while the gains fall, a quarter: jitter of the first SYNCs looks like a period of their
+/// own, in all members alike. Cut off, it would take the crystals' difference with it.
+const MAX_FIRST_DRIFT: i64 = (1 << FRACTION) / 4;
+
+/// SYNCs after which no gain falls any more: `6 / (n (n + 1))` is less than a 4096th.
+const SETTLED: u32 = 157;
 
 /// Missing SYNCs that are bridged.
 const MAX_GAP: u32 = 8;
@@ -58,7 +68,8 @@ pub struct SyncClock {
     rest: i32,
     /// Period minus nominal period in this member's time, in the same steps.
     drift: i32,
-    locked: bool,
+    /// SYNCs since the lock, at most [`SETTLED`]; 0 for none.
+    count: u32,
 }
 
 impl SyncClock {
@@ -69,7 +80,7 @@ impl SyncClock {
             at: Micros(0),
             rest: 0,
             drift: 0,
-            locked: false,
+            count: 0,
         }
     }
 
@@ -83,10 +94,10 @@ impl SyncClock {
     pub fn on_sync(&mut self, at: Micros, period_us: u32) {
         let period_us = period_us.min(MAX_PERIOD_US);
         let elapsed_us = u32::try_from(at.since(self.at).0).unwrap_or(u32::MAX);
-        if !self.locked || elapsed_us > MAX_GAP * period_us {
+        if self.count == 0 || elapsed_us > MAX_GAP * period_us {
             self.at = at;
             self.rest = 0;
-            self.locked = true;
+            self.count = 1;
             return;
         }
         if 2 * elapsed_us <= period_us {
@@ -96,13 +107,20 @@ impl SyncClock {
         let periods = (elapsed_us + period_us / 2) / period_us;
         let nominal_us = periods * period_us;
         // What the estimate moves by beyond the nominal time.
-        let expected = self.rest + periods as i32 * self.drift;
+        let expected = i64::from(self.rest) + i64::from(periods) * i64::from(self.drift);
         let off_us = elapsed_us as i32 - nominal_us as i32;
-        let error = (i64::from(off_us) << FRACTION) - i64::from(expected);
-        let most = period_us as i32 * MAX_DRIFT;
-        let drift = self.drift + (error >> PERIOD_SHIFT) as i32;
-        self.drift = drift.max(-most).min(most);
-        let moved = i64::from(expected) + (error >> PHASE_SHIFT);
+        let error = (i64::from(off_us) << FRACTION) - expected;
+        self.count = (self.count + 1).min(SETTLED);
+        let count = i64::from(self.count);
+        let largest = if self.count < SETTLED {
+            MAX_FIRST_DRIFT
+        } else {
+            MAX_DRIFT
+        };
+        let most = (i64::from(period_us) * largest).min(i32::MAX.into());
+        let drift = i64::from(self.drift) + part(error, 6, count, PERIOD_SHIFT);
+        self.drift = drift.clamp(-most, most) as i32;
+        let moved = expected + part(error, 4 * count - 2, count, PHASE_SHIFT);
         self.rest = moved as i32 & ((1 << FRACTION) - 1);
         let moved_us = (moved >> FRACTION) as i32;
         self.at = self.at + Micros(u64::from(nominal_us.wrapping_add_signed(moved_us)));
@@ -111,7 +129,7 @@ impl SyncClock {
     /// Time of the last SYNC without jitter; `None` before the first.
     #[must_use]
     pub fn estimate(&self) -> Option<Micros> {
-        self.locked.then_some(self.at)
+        (self.count > 0).then_some(self.at)
     }
 
     /// Apparent excess of SYNC's period over nominal, us: the crystals' difference.
@@ -119,6 +137,17 @@ impl SyncClock {
     #[expect(clippy::cast_precision_loss, reason = "some hundred us in 24 bits")]
     pub const fn drift_us(&self) -> f32 {
         self.drift as f32 / (1 << FRACTION) as f32
+    }
+}
+
+/// The part of an error that a straight line of least squares takes from the last of `count` SYNCs,
+/// `numerator / (count (count + 1))`, but no less than the shift leaves.
+const fn part(error: i64, numerator: i64, count: i64, shift: u32) -> i64 {
+    let denominator = count * (count + 1);
+    if numerator << shift > denominator {
+        error * numerator / denominator
+    } else {
+        error >> shift
     }
 }
 
@@ -302,6 +331,15 @@ mod tests {
     fn members_100_ppm_apart_tick_within_5_us_under_jitter_of_1_5_ms() {
         let skew = worst_skew(1.5e6, 0, 5);
         std::println!("worst skew over 60 s with 1.5 ms of SYNC jitter: {skew:.1} us");
+        assert!(skew < 5.0, "{skew} us");
+    }
+
+    /// From a second on. The crystals differ by 1 us in a period, which fixed gains would let grow
+    /// to 22 us before they have learnt it.
+    #[test]
+    fn the_first_seconds_are_as_good() {
+        let skew = worst_skew(1.5e6, 0, 1).max(worst_skew(0.0, 0, 1));
+        std::println!("worst skew from a second on: {skew:.1} us");
         assert!(skew < 5.0, "{skew} us");
     }
 
