@@ -93,6 +93,8 @@ impl Desk {
     /// Lets time pass.
     fn run(&mut self, ns: u64) {
         let end = self.now() + ns;
+        // What was requested while the last frame left, at the end of the time before.
+        self.serve_bus(end);
         while self.now() < end {
             let until = end.max(self.now() + 1);
             self.board.run_until_request(until).unwrap();
