@@ -213,8 +213,8 @@ fn boot_code(out: &Path) {
 }
 
 /// Where the boot code is built: one folder for the images of all boards, beside the results of
-/// this build, so that it is compiled once. A key of somebody's own has one per image, where no
-/// other build can replace the result before it is copied.
+/// this build, so that it is compiled once. With another public key each image has a folder, where
+/// no other build can replace the result before it is copied.
 fn boot_folder(out: &Path) -> PathBuf {
     let has_key = env::var_os("OMNIBUS_PUBLIC_KEY").is_some();
     // The file that cargo marks the folder of its results with.

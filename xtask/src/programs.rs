@@ -16,14 +16,14 @@ use anyhow::{Context as _, bail, ensure};
 
 /// Programs that take longest, the longest first: begun last, one of them would run alone.
 const LONGEST: [&str; 8] = [
-    "level_one",
     "update_bus",
     "documented_calibration",
-    "calibrate",
-    "operating",
+    "emulated",
     "gateway",
-    "faults",
-    "storage",
+    "operating",
+    "gyro",
+    "level_one",
+    "calibrate",
 ];
 
 /// A command that tests something.
@@ -39,20 +39,20 @@ impl Program {
         Self { name, command }
     }
 
-    /// Runs it to its end: what it has said, and whether it succeeded.
+    /// Runs it to its end: its output, and whether it succeeded.
     fn run(&mut self) -> anyhow::Result<(String, bool)> {
-        let (mut said, says) = std::io::pipe()?;
+        let (mut reader, writer) = std::io::pipe()?;
         self.command
             .stdin(Stdio::null())
-            .stdout(says.try_clone()?)
-            .stderr(says);
+            .stdout(writer.try_clone()?)
+            .stderr(writer);
         let mut child = self.command.spawn()?;
-        // The command holds this side of the pipe, which ends when all its holders have.
+        // Let go of the writing side, so that the pipe ends when the program has.
         self.command.stdout(Stdio::null()).stderr(Stdio::null());
-        let mut text = Vec::new();
-        said.read_to_end(&mut text)?;
+        let mut output = Vec::new();
+        reader.read_to_end(&mut output)?;
         let succeeded = child.wait()?.success();
-        Ok((String::from_utf8_lossy(&text).into_owned(), succeeded))
+        Ok((String::from_utf8_lossy(&output).into_owned(), succeeded))
     }
 }
 
@@ -129,12 +129,12 @@ fn run(queues: &[&Mutex<VecDeque<Program>>], all: usize) -> anyhow::Result<()> {
                     let begin = Instant::now();
                     let outcome = program.run();
                     let seconds = begin.elapsed().as_secs_f64();
-                    let (said, succeeded) =
+                    let (output, succeeded) =
                         outcome.unwrap_or_else(|error| (format!("{error:#}\n"), false));
                     let name = program.name;
                     let mut ended = lock(&ended);
                     *ended += 1;
-                    println!("-- {name}: {seconds:.1} s ({ended} of {all})\n{said}");
+                    println!("-- {name}: {seconds:.1} s ({ended} of {all})\n{output}");
                     drop(ended);
                     if !succeeded {
                         lock(&failed).push(name);

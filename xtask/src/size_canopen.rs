@@ -24,11 +24,11 @@ const RAM_ORIGIN: u64 = 0x2000_0000;
 /// Builds both, prints both and the difference, and fails if that is too much.
 pub fn run() -> anyhow::Result<()> {
     let with = size(&firmware::build(Scalar::F32)?)?;
-    cargo::run(
-        cargo::variant(&mut cargo::command(), WITHOUT)
-            .args(["build", "--quiet", "--release", "--bin", "omnibus-firmware"])
-            .args(["--target", cargo::TARGET, "--features", WITHOUT]),
-    )?;
+    let mut command = cargo::command();
+    command
+        .args(["build", "--quiet", "--release", "--bin", "omnibus-firmware"])
+        .args(["--target", cargo::TARGET, "--features", WITHOUT]);
+    cargo::run(cargo::variant(&mut command, WITHOUT))?;
     let elf = cargo::variant_folder(WITHOUT)
         .join(cargo::TARGET)
         .join("release/omnibus-firmware");

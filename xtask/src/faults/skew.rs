@@ -28,8 +28,9 @@ pub const LIMIT_US: f64 = 10.0;
 const PERIOD_US: u64 = 10_000;
 /// SYNCs at standstill, the start among them.
 const STANDS: u64 = 30;
-/// SYNCs until the clocks have learnt the crystals' difference: the loop's time constant is 64.
-const SETTLE: u64 = 500;
+/// SYNCs until the clocks have learnt the crystals' difference and the ticks, which move by 20 us
+/// at most, have followed.
+const SETTLE: u64 = 100;
 /// A setpoint goes out this long before its SYNC is due; the earliest comes 2.5 ms after it.
 const LEAD_US: u64 = 4_000;
 /// Half of a control tick: farther apart, two changes do not belong together.
