@@ -38,15 +38,20 @@ const ROBOT_TESTS: [&str; 5] = [
 /// Updates and the emulator's own ways in.
 const UPDATE_TESTS: [&str; 3] = ["test_emulate", "test_update", "test_update_command"];
 
-/// What drives a master with simulated robots: from its page and with its files.
-const PAGE_TESTS: [&str; 4] = ["test_page", "test_live", "test_recording", "test_foreign"];
+/// What drives a master with simulated robots in real time: its page and files, ROS 2, fleets.
+const MASTER_TESTS: [&str; 7] = [
+    "test_page",
+    "test_live",
+    "test_recording",
+    "test_foreign",
+    "test_ros",
+    "test_ros_fast",
+    "test_vda5050",
+];
 
-/// The same, with simulators and fleets of others. Those of ROS 2 are in one row, because they may
-/// choose one domain.
-const DOOR_TESTS: [&str; 4] = ["test_mujoco", "test_ros", "test_ros_fast", "test_vda5050"];
-
-/// Builds everything, then runs every test, in three rows: nearly all of them wait for what happens
-/// in real time. One that fails does not hide the others.
+/// Builds everything, then runs every test, in two rows: in one a master drives robots in real
+/// time, for which one core is enough; in the other is what computes. A test that fails does not
+/// hide the others.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let tests = cargo::root().join("tests/interop");
     system_packages()?;
@@ -107,7 +112,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     // Reads what those before it have logged.
     robots.push(batch(&["test_log"], "logs", false));
-    robots.push(batch(&UPDATE_TESTS, "emulator", false));
+    robots.extend(MASTER_TESTS.map(|file| batch(&[file], "native", false)));
+    let mut others = vec![
+        batch(&["test_mujoco"], "native", false),
+        batch(&UPDATE_TESTS, "emulator", false),
+    ];
     for (file, example) in [("test_device.py", "interop"), ("test_client.py", "sdo")] {
         let mut command = Command::new(&python);
         command
@@ -115,14 +124,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             .arg("-B")
             .arg(Path::new("canopen/interop").join(file))
             .arg(built.join("examples").join(example));
-        robots.push(Program::new(format!("canopen: {file}"), command));
+        others.push(Program::new(format!("canopen: {file}"), command));
     }
-    let master = |file: &str| batch(&[file], "native", false);
-    programs::in_rows([
-        robots,
-        PAGE_TESTS.map(master).into(),
-        DOOR_TESTS.map(master).into(),
-    ])
+    programs::in_rows([robots, others])
 }
 
 /// Has a multi-body simulation say how many of a calibration's intervals hold.
