@@ -68,7 +68,9 @@ pub fn build(command: &mut Command) -> anyhow::Result<Vec<Program>> {
         "the tests do not build; the compiler's messages are above"
     );
     let messages = String::from_utf8_lossy(&output.stdout);
-    Ok(messages.lines().filter_map(program).collect())
+    let programs: Vec<Program> = messages.lines().filter_map(program).collect();
+    ensure!(!programs.is_empty(), "cargo has named no test program");
+    Ok(programs)
 }
 
 /// The test program that a message of cargo names.
