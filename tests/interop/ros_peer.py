@@ -5,6 +5,7 @@ order and layout of fields are those of others. CycloneDDS carries them. Names o
 does (`rt/`, `rq/`, `rr/`, `dds_`). Nothing here measures time: a test waits long for what must come.
 """
 
+import itertools
 import os
 import pathlib
 import re
@@ -14,8 +15,7 @@ import threading
 import time
 import unittest
 
-DOMAIN = 1 + os.getpid() % 100
-# Before the library is loaded: this computer alone, without multicast, in a domain of this run.
+# Before the library is loaded: this computer alone, without multicast.
 os.environ["CYCLONEDDS_URI"] = (
     "<CycloneDDS><Domain><General><Interfaces><NetworkInterface address='127.0.0.1'/></Interfaces>"
     "<AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>auto</ParticipantIndex>"
@@ -130,11 +130,25 @@ class Request:
         self.writer.write(request)
 
 
+class Domain:
+    """The domain of each attempt of a test: of its own, because a node that was killed is believed alive for most of a
+    minute, and until then callers keep for it, and give to every later node, what they have called."""
+
+    numbers = itertools.count(os.getpid())
+    now = None
+
+    @classmethod
+    def another(cls):
+        """The next one whose ports are below those that the kernel gives to others."""
+        cls.now = 1 + next(cls.numbers) % 100
+        return cls.now
+
+
 class Peer:
     """One participant."""
 
     def __init__(self, namespace="", domain=None):
-        self.participant = DomainParticipant(DOMAIN if domain is None else domain)
+        self.participant = DomainParticipant(Domain.now if domain is None else domain)
         self.namespace = namespace
         self.counter = 0
 
@@ -239,7 +253,7 @@ class Node:
 
     def __init__(self, test, *arguments, group="tcc-2", bus=None, domain=None, within=None, **environment):
         variables = {
-            **os.environ, "ROS_DOMAIN_ID": str(DOMAIN if domain is None else domain), "ROS_LOCALHOST_ONLY": "1",
+            **os.environ, "ROS_DOMAIN_ID": str(Domain.now if domain is None else domain), "ROS_LOCALHOST_ONLY": "1",
             "RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp", **environment,
         }
         file = ROOT / "groups" / f"{group}.toml"
@@ -320,6 +334,9 @@ class Watcher:
 
 
 class RosTest(unittest.TestCase):
+    def setUp(self):
+        Domain.another()
+
     def started(self, *arguments, namespace="", **settings):
         """A node whose robots are started, and who watches it."""
         node = Node(self, *arguments, **settings)

@@ -25,7 +25,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from page import Client
 from real_time import drives_in_real_time
 from ros_peer import (
-    DOMAIN, ROOT, STORE, Node, Peer, Repeated, RosTest, Watcher, new, stamped, taken, twist, udp_ports, until,
+    ROOT, STORE, Domain, Node, Peer, Repeated, RosTest, Watcher, new, stamped, taken, twist, udp_ports, until,
 )
 
 STAMPED = "geometry_msgs/msg/TwistStamped"
@@ -170,10 +170,8 @@ class Links(RosTest):
 
     def test_a_peer_killed_and_back(self):
         _, _, watcher = self.started()
-        code = ("import ros_peer, time, sys; writer = ros_peer.Peer().writer('cmd_vel', "
+        code = (f"import ros_peer, time; writer = ros_peer.Peer(domain={Domain.now}).writer('cmd_vel', "
                 f"'{STAMPED}')\nwhile True: writer.write(ros_peer.stamped(vx=0.2)); time.sleep(0.05)")
-        # The same domain: it comes from the process's number.
-        code = f"import os; os.getpid = lambda: {os.getpid()}\n" + code
         for _ in range(2):
             far = watcher.place[0]
             driver = subprocess.Popen([sys.executable, "-c", code], cwd=ROOT / "tests" / "interop")
@@ -196,8 +194,9 @@ class Links(RosTest):
 
     def test_domains_are_apart_and_tf_and_its_names_can_be_left_to_others(self):
         _, _, watcher = self.started()
-        Node(self, "--start", "--no-tf", "--frame-prefix", "robot_", domain=DOMAIN + 1)
-        peer = Peer(domain=DOMAIN + 1)
+        Domain.another()
+        Node(self, "--start", "--no-tf", "--frame-prefix", "robot_")
+        peer = Peer()
         seen, transforms = Watcher(peer), peer.reader("tf", "tf2_msgs/msg/TFMessage")
         seen.says("tcc-2", "following")
         with Repeated(peer.writer("cmd_vel", STAMPED), lambda: stamped(vx=0.2, frame="robot_base_link")):
@@ -264,8 +263,7 @@ class Links(RosTest):
 
     def said_by_another(self, ports):
         """All datagrams by which a peer in another process gets to know the node, listens to it and may command it."""
-        # The same domain: it comes from the process's number.
-        code = (f"import os; os.getpid = lambda: {os.getpid()}\nimport ros_peer, time\npeer = ros_peer.Peer()\n"
+        code = (f"import ros_peer, time\npeer = ros_peer.Peer(domain={Domain.now})\n"
                 f"writer, watcher = peer.writer('cmd_vel', '{STAMPED}'), ros_peer.Watcher(peer)\n"
                 "while True: time.sleep(1)")
         others = []
@@ -627,6 +625,7 @@ class Documented(RosTest):
     pub` is understood by what stands in it, and sent by CycloneDDS. The other lines of `ros2` are not run."""
 
     def setUp(self):
+        super().setUp()
         folder = tempfile.TemporaryDirectory()
         self.addCleanup(folder.cleanup)
         self.folder = pathlib.Path(folder.name)
@@ -636,7 +635,7 @@ class Documented(RosTest):
         programs.mkdir()
         (programs / "omnibus").symlink_to(os.environ["OMNIBUS"])
         (programs / "omnibus-sim").symlink_to(os.environ["OMNIBUS_SIM"])
-        self.variables = {**os.environ, "PATH": f"{programs}:{os.environ['PATH']}", "ROS_DOMAIN_ID": str(DOMAIN),
+        self.variables = {**os.environ, "PATH": f"{programs}:{os.environ['PATH']}", "ROS_DOMAIN_ID": str(Domain.now),
                           "ROS_LOCALHOST_ONLY": "1", "RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"}
 
     def type(self, line):

@@ -8,7 +8,7 @@ import subprocess
 import threading
 import unittest
 
-from ros_peer import DOMAIN, STORE, Node, Peer, Repeated, RosTest, Watcher, dds_name, udp_ports, until
+from ros_peer import STORE, Domain, Node, Peer, Repeated, RosTest, Watcher, dds_name, udp_ports, until
 
 ODOMETRY = "nav_msgs/msg/Odometry"
 STAMPED = "geometry_msgs/msg/TwistStamped"
@@ -29,7 +29,7 @@ class FastPeer:
     def __init__(self, test):
         # This computer alone; its shared memory needs more than a container may have.
         variables = {**os.environ, "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}
-        self.process = subprocess.Popen([os.environ["OMNIBUS_FAST_PEER"], str(DOMAIN)], env=variables,
+        self.process = subprocess.Popen([os.environ["OMNIBUS_FAST_PEER"], str(Domain.now)], env=variables,
                                         stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         self.heard, self.changed = {}, threading.Condition()
         threading.Thread(target=self.read, daemon=True).start()
@@ -162,7 +162,7 @@ class TakenPorts(unittest.TestCase):
 
     def test_the_node_takes_ports_that_belong_together(self):
         # Participants of other tests may still have some.
-        ports = (7400 + 250 * DOMAIN + 10 + 2 * participant for participant in itertools.count())
+        ports = (7400 + 250 * Domain.now + 10 + 2 * participant for participant in itertools.count())
         free = (port for port in ports if self.is_free(port) and self.is_free(port + 1))
         for discovery in itertools.islice(free, 2):
             taken = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
