@@ -41,6 +41,9 @@ const PAGES: usize = LARGEST_FLASH as usize / PAGE;
 
 /// A page of code, by halfwords.
 pub(super) struct Page {
+    /// What was decoded: the page's content and, because an instruction may reach into the next
+    /// page, the halfword behind it.
+    bytes: Vec<u8>,
     slots: Box<[Slot; HALVES]>,
     /// What the instructions are in an IT block.
     in_it: Box<[Op; HALVES]>,
@@ -91,10 +94,18 @@ impl Programmed {
     }
 }
 
+/// A page that a board has executed.
+#[derive(Default)]
+struct Kept {
+    page: Option<Arc<Page>>,
+    /// Of the content of the flash when the page was last compared with it.
+    version: u64,
+}
+
 /// The code of one board.
 pub(super) struct Code {
     image: Arc<Programmed>,
-    pages: Box<[Option<Arc<Page>>; PAGES]>,
+    pages: Box<[Kept; PAGES]>,
     version: u64,
 }
 
@@ -108,28 +119,27 @@ impl Code {
     pub(super) fn new(image: Arc<Programmed>) -> Self {
         Self {
             image,
-            pages: Box::new([const { None }; PAGES]),
+            pages: boxed(|_| Kept::default()),
             version: 0,
         }
     }
 
-    /// Forgets everything when the content of the flash is another.
+    /// Takes note of the version of the flash's content: pages of another version are compared
+    /// before they are executed.
     pub(super) fn check(&mut self, version: u64) {
-        if version != self.version {
-            self.version = version;
-            self.pages.fill(None);
-        }
+        self.version = version;
     }
 
     /// The page that an address is in.
     #[inline]
     pub(super) fn page(&mut self, pc: u32, flash: &RamStore) -> Result<&Page, Leave> {
         let number = pc.wrapping_sub(FLASH_BASE) as usize / PAGE;
-        let page = self.pages.get_mut(number).ok_or(Leave)?;
-        Ok(match page {
-            Some(page) => page,
-            None => page.insert(decoded(&self.image, number, flash)?),
-        })
+        let kept = self.pages.get_mut(number).ok_or(Leave)?;
+        if kept.page.is_none() || kept.version != self.version {
+            kept.page = Some(decoded(&self.image, number, flash, kept.page.take())?);
+            kept.version = self.version;
+        }
+        kept.page.as_deref().ok_or(Leave)
     }
 
     /// The instruction at an address.
@@ -138,25 +148,33 @@ impl Code {
     }
 }
 
-/// A page of the flash, and the image's own if it is that.
+/// A page of the flash: the one that was there if the content is the same, the image's own if it is
+/// that, and a new one otherwise.
 #[cold]
-fn decoded(image: &Programmed, number: usize, flash: &RamStore) -> Result<Arc<Page>, Leave> {
-    // An instruction may reach into the next page.
+fn decoded(
+    image: &Programmed,
+    number: usize,
+    flash: &RamStore,
+    before: Option<Arc<Page>>,
+) -> Result<Arc<Page>, Leave> {
     let begin = number * PAGE;
     let left = (flash.len() as usize).checked_sub(begin);
     let left = left.filter(|left| *left > 0).ok_or(Leave)?;
     let mut bytes = vec![0; (PAGE + 2).min(left)];
     flash.read_at(begin as u64, &mut bytes).map_err(|_| Leave)?;
+    if let Some(page) = before.filter(|page| page.bytes == bytes) {
+        return Ok(page);
+    }
     let address = FLASH_BASE + begin as u32;
     if image.content.get(begin..begin + bytes.len()) == Some(&bytes[..]) {
         let page =
-            image.pages[number].get_or_init(|| Arc::new(decode_page(image.chip, address, &bytes)));
+            image.pages[number].get_or_init(|| Arc::new(decode_page(image.chip, address, bytes)));
         return Ok(Arc::clone(page));
     }
-    Ok(Arc::new(decode_page(image.chip, address, &bytes)))
+    Ok(Arc::new(decode_page(image.chip, address, bytes)))
 }
 
-fn decode_page(chip: &Chip, address: u32, bytes: &[u8]) -> Page {
+fn decode_page(chip: &Chip, address: u32, bytes: Vec<u8>) -> Page {
     let half = |at: usize| Some(u16::from_le_bytes(*bytes.get(at..)?.first_chunk()?));
     let entry = |index: usize| {
         let first = half(2 * index)?;
@@ -180,7 +198,7 @@ fn decode_page(chip: &Chip, address: u32, bytes: &[u8]) -> Page {
                 address: address + 2 * index as u32,
                 length,
                 in_it,
-                page: bytes,
+                page: &bytes,
             };
             translate(&insn, place)
         }
@@ -195,9 +213,11 @@ fn decode_page(chip: &Chip, address: u32, bytes: &[u8]) -> Page {
             line: fetch::line_of(address - FLASH_BASE, length, line_bits),
         }
     };
+    let (slots, in_it) = (boxed(slot), boxed(|index| op(index, true)));
     Page {
-        slots: boxed(slot),
-        in_it: boxed(|index| op(index, true)),
+        bytes,
+        slots,
+        in_it,
         entries,
     }
 }
