@@ -96,7 +96,7 @@ impl Programmed {
 
 /// A page that a board has executed.
 #[derive(Default)]
-struct Kept {
+struct Executed {
     page: Option<Arc<Page>>,
     /// Of the content of the flash when the page was last compared with it.
     version: u64,
@@ -105,7 +105,7 @@ struct Kept {
 /// The code of one board.
 pub(super) struct Code {
     image: Arc<Programmed>,
-    pages: Box<[Kept; PAGES]>,
+    pages: Box<[Executed; PAGES]>,
     version: u64,
 }
 
@@ -119,7 +119,7 @@ impl Code {
     pub(super) fn new(image: Arc<Programmed>) -> Self {
         Self {
             image,
-            pages: boxed(|_| Kept::default()),
+            pages: boxed(|_| Executed::default()),
             version: 0,
         }
     }
@@ -134,12 +134,12 @@ impl Code {
     #[inline]
     pub(super) fn page(&mut self, pc: u32, flash: &RamStore) -> Result<&Page, Leave> {
         let number = pc.wrapping_sub(FLASH_BASE) as usize / PAGE;
-        let kept = self.pages.get_mut(number).ok_or(Leave)?;
-        if kept.page.is_none() || kept.version != self.version {
-            kept.page = Some(decoded(&self.image, number, flash, kept.page.take())?);
-            kept.version = self.version;
+        let executed = self.pages.get_mut(number).ok_or(Leave)?;
+        if executed.page.is_none() || executed.version != self.version {
+            executed.page = Some(decoded(&self.image, number, flash, executed.page.take())?);
+            executed.version = self.version;
         }
-        kept.page.as_deref().ok_or(Leave)
+        executed.page.as_deref().ok_or(Leave)
     }
 
     /// The instruction at an address.
