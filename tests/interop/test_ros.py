@@ -620,6 +620,7 @@ class Files(unittest.TestCase):
         self.assertEqual(len(filtered["ekf_filter_node"]["ros__parameters"]["odom0_config"]), 15)
 
 
+@drives_in_real_time
 class Documented(RosTest):
     """docs/ros.md, typed in its order. There is no ROS here: a line that begins with `ros2 service call` or `ros2 topic
     pub` is understood by what stands in it, and sent by CycloneDDS. The other lines of `ros2` are not run."""
