@@ -134,14 +134,13 @@ class Domain:
     """The domain of each attempt of a test: of its own, because a node that was killed is believed alive for most of a
     minute, and until then callers keep for it, and give to every later node, what they have called."""
 
-    numbers = itertools.count(os.getpid())
-    now = None
+    # From 1 to 100, whose ports are below those that the kernel gives to others.
+    numbers = (1 + number % 100 for number in itertools.count(os.getpid()))
+    now = next(numbers)
 
     @classmethod
     def another(cls):
-        """The next one whose ports are below those that the kernel gives to others."""
-        cls.now = 1 + next(cls.numbers) % 100
-        return cls.now
+        cls.now = next(cls.numbers)
 
 
 class Peer:

@@ -6,7 +6,6 @@ import os
 import socket
 import subprocess
 import threading
-import unittest
 
 from ros_peer import STORE, Domain, Node, Peer, Repeated, RosTest, Watcher, dds_name, udp_ports, until
 
@@ -101,7 +100,7 @@ class FastPeer:
         return call
 
 
-class FastDds(unittest.TestCase):
+class FastDds(RosTest):
     def test_it_drives_by_topics_and_services(self):
         node = Node(self, RMW_IMPLEMENTATION="rmw_fastrtps_cpp")
         peer = FastPeer(self)
@@ -148,7 +147,7 @@ class FastDds(unittest.TestCase):
                 self.assertTrue(any(status.name == "omnibus: tcc-2" for status in message.status))
 
 
-class TakenPorts(unittest.TestCase):
+class TakenPorts(RosTest):
     """The port for data of a participant is taken, that for discovery beside it is free: what participants that start
     together can leave to each other."""
 
