@@ -126,7 +126,7 @@ impl Code {
 
     /// Takes note of the version of the flash's content: pages of another version are compared
     /// before they are executed.
-    pub(super) fn check(&mut self, version: u64) {
+    pub(super) fn set_version(&mut self, version: u64) {
         self.version = version;
     }
 
