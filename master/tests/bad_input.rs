@@ -326,6 +326,44 @@ fn refuses_missing(call: &str, rest: &[&str], give: &str) {
     );
 }
 
+/// And one that is there, but is no such file.
+#[test]
+fn a_file_of_another_kind_is_named_with_what_to_give_instead() {
+    const BUS: [&str; 2] = ["--bus", "sim:groups/tcc-2.toml"];
+    const RECORD: &str = "a file that `omnibus record` wrote";
+    for (call, rest, code, give) in [
+        ("update", &BUS[..], 1, "`cargo xtask release --out FILE`"),
+        (
+            "lock --set-key",
+            &BUS,
+            2,
+            "`omnibus lock --set-key FILE --new`",
+        ),
+        (
+            "unlock --key",
+            &BUS,
+            2,
+            "`omnibus lock --set-key FILE --new`",
+        ),
+        ("param load --node 2", &BUS, 1, "`omnibus param dump`"),
+        ("replay", &BUS, 1, RECORD),
+        ("plot", &[], 1, RECORD),
+        ("report", &[], 1, RECORD),
+        ("convert --to csv", &[], 1, RECORD),
+        ("group show", &[], 1, "fix the TOML here"),
+    ] {
+        let arguments: Vec<&str> = call.split(' ').chain(["README.md"]).collect();
+        let output = omnibus(&[&arguments[..], rest].concat());
+        let message = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(code), "{call}: {message}");
+        assert!(
+            message.starts_with("error: README.md:"),
+            "{call}: {message}"
+        );
+        assert!(message.contains(give), "{call}: {message}");
+    }
+}
+
 #[test]
 fn the_usual_group_file_is_named_by_the_environment() {
     let run = |bus: &str| {

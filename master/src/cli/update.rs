@@ -99,7 +99,7 @@ fn read(path: &Path) -> anyhow::Result<Image> {
     let give = "an image file, as `cargo xtask release --out FILE` makes it";
     let bytes = input::bytes(path, give)?;
     let image = Image::read(bytes);
-    image.map_err(|problem| anyhow::anyhow!("{}: {problem}", path.display()))
+    image.map_err(|problem| anyhow::anyhow!("{}: {problem}; give {give}", path.display()))
 }
 
 /// One robot alone must not get what the others do not understand.
