@@ -28,11 +28,10 @@ pub(crate) enum Brake {
 }
 
 impl Brake {
-    /// Asks for the brake to be released, which one that is engaging ignores; says whether it has
-    /// let go.
+    /// Asks for the brake to be released, also one that is engaging; says whether it has let go.
     #[inline]
     pub(crate) fn release(&mut self, now: Micros, times: BrakeTimes) -> bool {
-        if times.release_us == 0 && matches!(self, Self::Released(_)) {
+        if times.release_us == 0 && self.is_released() {
             return true;
         }
         self.waits_to_release(now, times)
@@ -41,15 +40,18 @@ impl Brake {
     /// The same, for a brake that takes time or was not released before.
     #[cold]
     fn waits_to_release(&mut self, now: Micros, times: BrakeTimes) -> bool {
-        let since = match *self {
-            Self::Released(since) => since,
-            Self::Engaged => {
-                *self = Self::Released(now);
-                now
-            }
-            Self::Engaging(_) => return false,
-        };
-        times.release_us == 0 || now.since(since).0 >= times.release_us
+        if !self.is_released() {
+            *self = Self::Released(now);
+        }
+        self.has_let_go(now, times)
+    }
+
+    /// Whether it has had its time since it was released.
+    pub(crate) fn has_let_go(self, now: Micros, times: BrakeTimes) -> bool {
+        match self {
+            Self::Released(since) => now.since(since).0 >= times.release_us,
+            Self::Engaged | Self::Engaging(_) => false,
+        }
     }
 
     /// Asks for the brake to be engaged; says whether it holds.

@@ -138,6 +138,8 @@ pub struct Report {
     pub mode: Mode,
     /// In [`Mode::Ramp`]: the ramp is over and the wheels are at rest.
     pub standstill: bool,
+    /// The brake has let go: the wheels can follow.
+    pub brake_is_free: bool,
     /// Latched since that start.
     pub fault: Option<Fault>,
     /// The fault that prevents a start now.
@@ -187,6 +189,7 @@ impl Report {
         configuration: 0,
         mode: Mode::Off,
         standstill: false,
+        brake_is_free: false,
         fault: None,
         obstacle: None,
         protective_stop: false,

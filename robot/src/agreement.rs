@@ -119,9 +119,6 @@ impl Agreement {
     /// its `own`? The votes are used up by that.
     pub fn decide(&mut self, members: u32, node: u8, own: Own) -> Verdict {
         let mut voted = core::mem::take(&mut self.voted) >> FIRST_ROBOT;
-        if own.scale == Scale::ZERO {
-            return Verdict::Stop(Fault::MemberStopped);
-        }
         let mut smallest = own.scale;
         let mut others = others(members, node);
         for vote in &self.votes {
@@ -132,6 +129,15 @@ impl Agreement {
             others >>= 1;
             voted >>= 1;
             if !is_other {
+                continue;
+            }
+            if own.scale == Scale::ZERO {
+                // Nobody moves. Who permits it has latched the same setpoint: that the plans for it
+                // differ is said all the same, by all of them.
+                let permits = has_voted && vote.follows && vote.scale > Scale::ZERO;
+                if permits && vote.sequence == own.sequence && vote.plan != own.plan {
+                    return Verdict::Stop(Fault::PlanMismatch);
+                }
                 continue;
             }
             if !has_voted {
@@ -150,6 +156,9 @@ impl Agreement {
                 return Verdict::Stop(Fault::MemberStopped);
             }
             smallest = smallest.min(vote.scale);
+        }
+        if own.scale == Scale::ZERO {
+            return Verdict::Stop(Fault::MemberStopped);
         }
         Verdict::Go {
             scale: smallest,

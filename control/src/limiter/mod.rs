@@ -82,6 +82,22 @@ impl Limiter {
         jerk.is_some() || bound.is_some() || approach.is_far
     }
 
+    /// Ends at once what makes it faster: a ramp to standstill that has to wait for the jerk limit
+    /// first would go on accelerating.
+    #[inline(never)]
+    pub fn stop_accelerating(&mut self) {
+        let (velocity, acceleration) = (&self.velocity, &mut self.acceleration);
+        for (velocity, acceleration) in [
+            (velocity.vx, &mut acceleration.vx),
+            (velocity.vy, &mut acceleration.vy),
+            (velocity.omega, &mut acceleration.omega),
+        ] {
+            if acceleration.agrees(velocity) {
+                *acceleration = Change::ZERO;
+            }
+        }
+    }
+
     /// The twist after the last step.
     #[must_use]
     pub const fn velocity(&self) -> Twist<Velocity> {

@@ -34,7 +34,12 @@ impl Supervision {
         tick: &Tick,
     ) -> Outputs {
         let times = motion.configuration.brake;
-        let free = self.brake.release(tick.now, times);
+        let free = match self.report.mode {
+            // What it engages stays so.
+            Mode::Ramp => self.brake.has_let_go(tick.now, times),
+            _ => self.brake.release(tick.now, times),
+        };
+        self.report.brake_is_free = free;
         let mode = match self.report.mode {
             Mode::Follow if !free => Mode::Hold,
             mode => mode,
@@ -98,6 +103,7 @@ impl Motion {
             let input = self.interpolator.at(tick.now, target, command.update, at);
             (input, &self.configuration.follow)
         } else {
+            self.limiter.stop_accelerating();
             (Input::default(), &self.configuration.ramp)
         };
         let limited = self

@@ -25,7 +25,7 @@ impl Supervision {
     pub(super) fn grant(&mut self, motion: &Motion, command: &Command) -> Mode {
         let known = command.configuration == motion.configuration.crc;
         let mode = match (command.mode, self.report.fault.map(reaction)) {
-            _ if !known => Mode::Off,
+            _ if !known || self.unproven > 0 => Mode::Off,
             (_, Some(Reaction::Cut)) => Mode::Off,
             (Mode::Hold | Mode::Follow | Mode::Identify, Some(Reaction::Ramp)) => Mode::Ramp,
             // The motors carry the load until the brake holds it.
@@ -62,6 +62,7 @@ impl Supervision {
     #[inline(never)]
     pub(super) fn safe(&mut self, standstill: bool) -> Outputs {
         self.brake = Brake::Engaged;
+        self.report.brake_is_free = false;
         self.report.standstill = standstill;
         self.report.limit = None;
         self.report.twist_ref = still();

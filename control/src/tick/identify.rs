@@ -28,6 +28,11 @@ impl Supervision {
         self.report.twist_ref = still();
         self.report.rates_ref = [Rate::ZERO; 4];
         motion.rest(command.update);
+        let times = motion.configuration.brake;
+        if mode == Mode::Identify && !self.brake.release(tick.now, times) {
+            motion.forgive();
+            return self.unpowered();
+        }
         let voltage = self.identification_voltage(
             motion,
             command,
@@ -36,9 +41,13 @@ impl Supervision {
         );
         let ramps = mode == Mode::Ramp && !self.report.standstill;
         let (limiter, rates) = (&motion.limiter, &self.report.rates);
-        if mode == Mode::Off || ramps && settled(&mut self.settling, limiter, rates, tick.now) {
+        let stands = ramps && settled(&mut self.settling, limiter, rates, tick.now);
+        if mode == Mode::Off || stands && self.brake.engage(tick.now, times) {
             self.identification = None;
             return self.safe(command.mode == Mode::Ramp);
+        }
+        if stands {
+            return self.unpowered();
         }
         let nominal = motion.configuration.supply.nominal;
         let supply = self.report.supply.unwrap_or(nominal).max(nominal.half());
@@ -59,7 +68,16 @@ impl Supervision {
         Outputs {
             drive: motion.commands::<D>(&wanted),
             drivers_enabled: true,
-            brake_released: true,
+            brake_released: self.brake.is_released(),
+        }
+    }
+
+    /// Drivers on without voltage, as long as the brake takes.
+    fn unpowered(&self) -> Outputs {
+        Outputs {
+            drivers_enabled: true,
+            brake_released: self.brake.is_released(),
+            ..Outputs::SAFE
         }
     }
 

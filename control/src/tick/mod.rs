@@ -41,6 +41,10 @@ const LATE_US: u32 = TICK_US + TICK_US / 2;
 /// Later than this, the wheels have been without control for too long, us.
 const OVERDUE_US: u32 = 20_000;
 
+/// How many ticks a new configuration measures before it drives: a sensor that shows too much
+/// current is one after 20.
+const UNPROVEN_TICKS: u8 = 25;
+
 /// Time and supply of one tick.
 #[derive(Clone, Copy)]
 struct Tick {
@@ -74,6 +78,8 @@ struct Supervision {
     slip_fault: Lasting,
     identification: Option<Identification>,
     outcome: Option<Outcome>,
+    /// Ticks in which the configuration, which is new, still only measures.
+    unproven: u8,
     /// Of the voltages in this tick.
     ends: Ends,
     gyro: Gyro,
@@ -103,6 +109,7 @@ impl ControlSide {
                 slip_fault: Lasting::new(),
                 identification: None,
                 outcome: None,
+                unproven: 0,
                 ends: Ends::NONE,
                 gyro: Gyro::new(),
                 report: Report::NONE,
@@ -110,11 +117,13 @@ impl ControlSide {
         }
     }
 
-    /// Applies a configuration. This switches the outputs off and resets the pose to zero.
+    /// Applies a configuration. This switches the outputs off and resets the pose to zero. They
+    /// stay off for 25 ticks, in which wheels that turn and a current that is too large are seen.
     pub fn configure(&mut self, configuration: &Configuration) {
         let side = &mut self.supervision;
         side.safe(false);
         side.identification = None;
+        side.unproven = UNPROVEN_TICKS;
         side.report.configuration = configuration.crc;
         side.report.mode = Mode::Off;
         side.report.current = 0.0;
@@ -214,12 +223,14 @@ impl Supervision {
         {
             motion.on_drive_fault(fault);
         }
+        if self.unproven > 0 {
+            self.look_before_driving();
+        }
         if command.mode != Mode::Off || self.holds(motion) {
             self.judge(motion, command, &tick);
         }
-        if command.mode == Mode::Off && self.report.obstacle.is_none() && turns(&self.report.rates)
-        {
-            self.report.obstacle = Some(Fault::WheelsTurn);
+        if command.mode == Mode::Off {
+            self.look_at_wheels();
         }
         let mode = self.grant(motion, command);
         let outputs = if mode == Mode::Identify || self.identification.is_some() {
@@ -231,6 +242,23 @@ impl Supervision {
         };
         self.count_saturation(motion, turned);
         outputs
+    }
+
+    /// A tick of a configuration that is new: what nobody has measured before its start is still in
+    /// time to refuse that.
+    #[cold]
+    #[inline(never)]
+    fn look_before_driving(&mut self) {
+        self.unproven -= 1;
+        self.look_at_wheels();
+    }
+
+    /// Wheels that turn are in the way of a start.
+    #[inline]
+    fn look_at_wheels(&mut self) {
+        if self.report.obstacle.is_none() && turns(&self.report.rates) {
+            self.report.obstacle = Some(Fault::WheelsTurn);
+        }
     }
 
     /// Counts this tick if the result of one of its stages was at the end of what it can say.

@@ -182,7 +182,7 @@ impl Application {
             }
             State::Ready | State::Alone | State::Ramping(_) | State::Faulted(_) => false,
         };
-        if let Some(configuration) = self.able().filter(|_| permits) {
+        if let Some(configuration) = self.able_to_move().filter(|_| permits) {
             let (speed, yaw_rate) = (configuration.speed_max, configuration.yaw_rate_max);
             let wheels = permitted(configuration, latched.twist);
             let group = slower(latched.twist, speed, yaw_rate).map_or(Scale::ONE, Scale::new);

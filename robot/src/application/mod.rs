@@ -257,6 +257,11 @@ impl Application {
             .filter(|known| able && self.report.configuration == known.crc)
     }
 
+    /// The same, once the brake has let go: until then no setpoint would be followed.
+    fn able_to_move(&self) -> Option<&Configuration> {
+        self.able().filter(|_| self.report.brake_is_free)
+    }
+
     /// Asks the control side for this twist.
     fn aim(&mut self, at: Micros, twist_cmd: Twist, sequence: u8) {
         if matches!(self.state, State::Moving | State::Alone) {
