@@ -44,6 +44,15 @@ impl Interlock {
         self.left == 0
     }
 
+    /// A robot that is asked alone: true when motion may begin with this setpoint.
+    pub fn begins_with(&mut self, twist: Twist) -> bool {
+        if is_standstill(twist) {
+            return self.agree();
+        }
+        self.disagree();
+        false
+    }
+
     /// They did not agree.
     pub const fn disagree(&mut self) {
         self.left = self.needed;

@@ -11,6 +11,7 @@ use protocol::address::{HEARTBEAT_TIMEOUT, MEMBERS};
 
 use super::agree::{permitted, slower};
 use super::{Application, Received};
+use crate::interlock::Interlock;
 use crate::rhythm::Beat;
 use crate::sequence::{Reception, Setpoints};
 use crate::state::{self, State};
@@ -37,6 +38,8 @@ pub(super) struct Alone {
     /// The commissioning twist as the bus writes it.
     pub twist: Received,
     pub setpoints: Setpoints,
+    /// Keeps it at rest after a start, as the group's keeps the group.
+    pub interlock: Interlock,
 }
 
 impl Alone {
@@ -51,6 +54,7 @@ impl Alone {
                 is_fresh: false,
             },
             setpoints: Setpoints::new(),
+            interlock: Interlock::new(u8::MAX),
         }
     }
 }
@@ -64,11 +68,11 @@ impl Application {
         if wanted && !alone {
             return Err(AbortCode::ParameterIncompatible);
         }
-        self.alone.is_permitted = wanted;
         if wanted {
+            self.alone.is_permitted = true;
             self.alone.permitted_until = self.now() + Micros(PERMISSION_US);
-        } else if self.identification.is_running {
-            self.end_identification(self.now());
+        } else {
+            self.end_permission(self.now());
         }
         Ok(())
     }
@@ -97,7 +101,7 @@ impl Application {
         }
     }
 
-    /// The permission was not renewed.
+    /// The permission was not renewed, or taken back.
     #[cold]
     #[inline(never)]
     fn end_permission(&mut self, now: Micros) {
@@ -118,24 +122,31 @@ impl Application {
         self.alone.for_now = now < silent;
     }
 
-    /// The commissioning twist: no other member to agree with, so it takes effect at once.
+    /// The commissioning twist: no other member to agree with, so it takes effect at once, or after
+    /// a start at the last of the setpoints near standstill that are asked for then.
     pub(super) fn follow_alone(&mut self, at: Micros, beat: Beat) {
         let received = self.alone.twist.take();
         let permitted_now = self.alone.is_permitted
             && !self.identification.is_running
             && matches!(self.state, State::Armed | State::Alone)
-            && self.able().is_some();
+            && self.able_to_move().is_some();
         let only_itself = 1 << self.identity.node.get();
         let configuration = self.configuration.as_ref();
         let alone = |known: &&Configuration| permitted_now && known.members == only_itself;
         let Some(configuration) = configuration.filter(alone) else {
+            self.alone.interlock.disagree();
             return;
         };
         let setpoints = &mut self.alone.setpoints;
         let reception = setpoints.on_sync(at, beat, received.as_ref(), configuration.group);
         let (Reception::Fresh, Some(latched)) = (reception, setpoints.latched()) else {
+            self.alone.interlock.disagree();
             return;
         };
+        if self.state == State::Armed && !self.alone.interlock.begins_with(latched.twist) {
+            self.waits = self.waits.or(Some(Limit::AwaitingStandstill));
+            return;
+        }
         let twist = configuration.mount.to_group(slowly(latched.twist));
         self.scale = permitted(configuration, twist);
         self.scale_is_own = true;

@@ -68,6 +68,7 @@ impl Application {
         self.is_undecided = false;
         self.is_late = false;
         self.interlock = Interlock::new(configuration.standstill_syncs);
+        self.alone.interlock = self.interlock;
         self.plan = self.make_plan(device);
         self.transition(state::Event::Started, now);
     }

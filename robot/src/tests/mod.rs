@@ -1,5 +1,6 @@
 //! Whole robots on a bus, in virtual time.
 
+mod alone;
 mod brake;
 mod compensation;
 mod encoders;

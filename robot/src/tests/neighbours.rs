@@ -158,7 +158,7 @@ fn two_groups_share_a_bus_and_its_sync() {
 }
 
 /// A commissioning twist for node 2, as fast as a hand on a lever could ask for.
-fn ask_alone(world: &mut World, twist: Twist, periods: u32, sequence: &mut u8) {
+pub fn ask_alone(world: &mut World, twist: Twist, periods: u32, sequence: &mut u8) {
     for _ in 0..periods {
         *sequence = sequence.wrapping_add(1);
         let frame = GroupTwist {
@@ -211,7 +211,9 @@ fn a_member_that_is_alone_for_now_moves_alone_and_keeps_the_group_at_rest() {
     assert_eq!(world.status(2).code, alone);
     world.twist = None;
     world.write(2, at::COMMISSIONING, Value::U8(1)).unwrap();
-    ask_alone(&mut world, Twist::new(0.2, 0.0, 0.0), 60, &mut 0);
+    let mut sequence = 0;
+    ask_alone(&mut world, Twist::ZERO, 4, &mut sequence);
+    ask_alone(&mut world, Twist::new(0.2, 0.0, 0.0), 60, &mut sequence);
     assert_eq!(world.robots[0].bus.state(), State::Alone);
     assert!((world.robots[0].moves().vx - 0.2).abs() < 5e-3);
     assert_eq!(world.robots[1].rates, [0.0; 4]);
@@ -264,6 +266,7 @@ fn alone_it_is_slow_and_not_for_long() {
     world.run(150);
     world.write(2, at::COMMISSIONING, Value::U8(1)).unwrap();
     let mut sequence = 0;
+    ask_alone(&mut world, Twist::ZERO, 4, &mut sequence);
     let mut fastest = 0.0_f32;
     for _ in 0..100 {
         ask_alone(&mut world, Twist::new(0.0, 1.0, 0.0), 1, &mut sequence);

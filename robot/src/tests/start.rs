@@ -255,23 +255,23 @@ fn commissioning_twist_moves_one_robot_alone_if_permitted() {
     world.write(2, at::MEMBERS, Value::U32(1 << 2)).unwrap();
     world.start();
     world.run(150);
-    let send = |world: &mut World, sequence| {
+    let send = |world: &mut World, vx, sequence| {
         let frame = protocol::GroupTwist {
-            twist: Twist::new(0.2, 0.0, 0.0),
+            twist: Twist::new(vx, 0.0, 0.0),
             sequence,
             group: GROUP,
         };
         world.send(1, protocol::cob::commissioning_twist(2), &frame.encode());
         world.run(10);
     };
-    for sequence in 1..20 {
-        send(&mut world, sequence);
-    }
+    let both = |world: &mut World, from: u8| {
+        (from..from + 5).for_each(|sequence| send(world, 0.0, sequence));
+        (from + 5..from + 60).for_each(|sequence| send(world, 0.2, sequence));
+    };
+    both(&mut world, 1);
     assert_eq!(world.robots[0].bus.state(), State::Armed, "not permitted");
     world.write(2, at::COMMISSIONING, Value::U8(1)).unwrap();
-    for sequence in 20..80 {
-        send(&mut world, sequence);
-    }
+    both(&mut world, 61);
     assert_eq!(world.robots[0].bus.state(), State::Alone);
     assert!((world.robots[0].moves().vx - 0.2).abs() < 2e-3);
     assert_eq!(world.robots[1].rates, [0.0; 4]);
