@@ -126,8 +126,41 @@ class Request:
     def make(self, data, sequence=1):
         return self.of(self.guid, sequence, data)
 
-    def write(self, request):
-        self.writer.write(request)
+    def write(self, request, at=None):
+        """Stamped with now, unless another time is given."""
+        self.writer.write(request, None if at is None else int(at * 1e9))
+
+
+class Service:
+    """A caller of a service as rmw_cyclonedds makes one: who asks, and the how manieth time, go before."""
+
+    def __init__(self, name, asks, hears):
+        self.name, self.asks, self.hears, self.sequence = name, asks, hears, 0
+
+    def is_there(self):
+        return self.asks.writer.get_matched_subscriptions() and self.hears.get_matched_publications()
+
+    def ask(self, data=0, at=None):
+        """Calls it once and waits for nothing."""
+        self.sequence += 1
+        self.asks.write(self.asks.make(data, self.sequence), at)
+
+    def __call__(self, data=0, at=None):
+        """Calls it and returns the answer."""
+        until("the service", self.is_there)
+        before = self.sequence
+        # The server may not have found the reader of replies yet, and replies are not kept: ask again.
+        for _ in range(20):
+            self.ask(data, at)
+            answers = []
+            try:
+                until("an answer", lambda: answers.extend(
+                    one for one in taken(self.hears)
+                    if one.guid == self.asks.guid and one.sequence > before) or answers, PATIENCE / 20)
+            except AssertionError:
+                continue
+            return answers[-1]
+        raise AssertionError(f"no answer of {self.name}")
 
 
 class Domain:
@@ -167,30 +200,11 @@ class Peer:
         return Request(DataWriter(self.participant, self.topic(name + "Request", made, "rq"), qos=qos()), made, guid)
 
     def service(self, name, of="Trigger"):
-        """A caller of a service as rmw_cyclonedds makes one: who asks, and the how manieth time, go before."""
         guid = (os.getpid() << 20) + self.counter
-        asks = self.request(name, of, guid)
+        self.counter += 1
         reply = struct(f"std_srvs/srv/{of}_Response", **HEADER, success=bool, message=str)
         hears = DataReader(self.participant, self.topic(name + "Reply", reply, "rr"), qos=qos())
-        self.counter += 1
-
-        def call(data=0):
-            until("the service", lambda: asks.writer.get_matched_subscriptions() and hears.get_matched_publications())
-            # The server may not have found the reader of replies yet, and replies are not kept: ask again.
-            for _ in range(20):
-                call.sequence += 1
-                asks.write(asks.make(data, call.sequence))
-                answers = []
-                try:
-                    until("an answer", lambda: answers.extend(
-                        one for one in taken(hears) if one.guid == guid) or answers, PATIENCE / 20)
-                except AssertionError:
-                    continue
-                return answers[-1]
-            raise AssertionError(f"no answer of {name}")
-
-        call.sequence = 0
-        return call
+        return Service(name, self.request(name, of, guid), hears)
 
 
 def taken(reader):

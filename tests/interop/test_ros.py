@@ -148,6 +148,59 @@ class Refusals(RosTest):
             until("the other direction", lambda: watcher.look().newest["odom"].twist.twist.linear.x < -0.1)
 
 
+class OldCalls(RosTest):
+    """A caller keeps what it calls while it believes that a node that was killed still runs, and gives it to the next
+    node. What starts robots is refused then, what stops them is followed."""
+
+    def phases(self, watcher):
+        """The phase of the group in two reports, which are a second apart."""
+        found = []
+
+        def reported():
+            found.extend(value.value for report in watcher.news("diagnostics") for status in report.status
+                         if status.name == "omnibus: tcc-2" for value in status.values if value.key == "phase")
+            return len(found) >= 2
+
+        until("two reports", reported)
+        return set(found)
+
+    def test_what_was_called_before_a_node_began_stops_robots_but_starts_none(self):
+        killed, peer = Node(self), Peer()
+        start, enable = peer.service("start"), peer.service("enable", "SetBool")
+        for service in (start, enable):
+            until("the service", service.is_there)
+        killed.process.kill()
+        killed.process.wait()
+        start.ask()
+        enable.ask(True)
+        node, watcher = Node(self), Watcher(peer)
+        self.assertEqual(self.phases(watcher), {"idle"})
+        # Calls of one caller come in their order, so the old one has come when this is answered.
+        self.assertTrue(enable(False).success)
+        self.assertEqual(self.phases(watcher), {"idle"})
+        answer = start()
+        self.assertTrue(answer.success, answer.message)
+        watcher.says("tcc-2", "following")
+        # A caller's clock that is an hour behind cannot be told from a call an hour ago.
+        hour_ago = time.time() - 3600
+        trigger, reset = peer.service("e_stop_trigger"), peer.service("e_stop_reset")
+        self.assertTrue(trigger(at=hour_ago).success)
+        watcher.says("tcc-2", "emergency stop")
+        words = "a call of e_stop_reset .* s older than this node, or its caller's clock is behind"
+        answer = reset(at=hour_ago)
+        self.assertFalse(answer.success)
+        self.assertRegex(answer.message, words)
+        watcher.says("cmd_vel", f"refused: {words}")
+        until("reset", lambda: reset().success)
+        watcher.says("tcc-2", "following")
+        self.assertTrue(enable(False, at=hour_ago).success)
+        watcher.says("tcc-2", "switched off")
+        answer = enable(True, at=hour_ago)
+        self.assertFalse(answer.success)
+        self.assertIn("a call of enable", answer.message)
+        self.assertEqual(node.end(), 0)
+
+
 class Links(RosTest):
     def test_every_pairing_of_qualities_of_service(self):
         _, peer, watcher = self.started()

@@ -124,6 +124,13 @@ impl Commands {
                 self.refuse(format!("bytes that are not a message: {why}"));
                 Reply::default()
             }
+            Incoming::Refused(message) => {
+                self.refuse(message.clone());
+                Reply {
+                    success: false,
+                    message,
+                }
+            }
             Incoming::OtherType(others) => {
                 self.others = others;
                 Reply::default()

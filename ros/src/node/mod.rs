@@ -20,6 +20,7 @@ mod filter;
 mod graph;
 mod peers;
 mod ports;
+mod services;
 
 use std::pin::Pin;
 use std::time::{Duration, Instant};
@@ -28,14 +29,14 @@ use futures::channel::mpsc::Receiver;
 use futures::stream::{Stream, StreamExt as _, iter, select};
 use ros2_client::qos::{Durability, History, QosProfile, WhenFull};
 use ros2_client::{
-    Context, MessageTypeName, Name, Node, NodeName, NodeOptions, Publisher, Server, ServiceMapping,
-    ServiceTypeName, Subscription,
+    Context, MessageTypeName, Name, Node, NodeName, NodeOptions, Publisher, Subscription,
 };
-use serde::de::{Error as _, SeqAccess, Visitor};
-use serde::{Deserialize, Deserializer, Serialize};
+use serde::{Deserialize, Serialize};
 
-use self::environment::{Environment, Services};
+use self::environment::Environment;
 use self::graph::Graph;
+pub use self::services::{Call, Reply};
+use self::services::{Called, Servers};
 use crate::message::{
     BatteryState, Bool, DiagnosticArray, Header, JointState, Message, Odometry, TFMessage, Twist,
     TwistStamped,
@@ -81,32 +82,6 @@ pub enum Outgoing {
 /// Who published something: the 16 bytes by which DDS tells publishers apart.
 pub type Publishing = [u8; 16];
 
-/// A service.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Call {
-    /// `start`, or `enable` with true.
-    Start,
-    /// `stop`, or `enable` with false.
-    Stop,
-    /// `e_stop_trigger`.
-    Trigger,
-    /// `e_stop_reset`.
-    Reset,
-}
-
-impl Call {
-    const ALL: [Self; 4] = [Self::Start, Self::Stop, Self::Trigger, Self::Reset];
-
-    const fn service(self) -> &'static str {
-        match self {
-            Self::Start => "start",
-            Self::Stop => "stop",
-            Self::Trigger => "e_stop_trigger",
-            Self::Reset => "e_stop_reset",
-        }
-    }
-}
-
 /// What comes in.
 #[derive(Clone, Debug)]
 pub enum Incoming {
@@ -123,60 +98,13 @@ pub enum Incoming {
     Unreadable(String),
     /// A call of a service.
     Call(Call),
+    /// A call that must not be followed, and why.
+    Refused(String),
     /// Publishers of commands of another type, by node and type; sent when they change.
     OtherType(Vec<(String, String)>),
     /// Names of publishers, where they are known; sent when they change.
     Publishers(Vec<(Publishing, String)>),
 }
-
-/// The reply of a service.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
-pub struct Reply {
-    /// Whether it was done.
-    pub success: bool,
-    /// What was done, or why not.
-    pub message: String,
-}
-
-impl ros2_client::Message for Reply {}
-
-/// A request of one byte: none at all has a byte that says nothing, because DDS has no empty
-/// structs, and a truth value is one.
-///
-/// A longer one is refused. It is of another middleware, which puts who asks in front of the
-/// message: the first byte would be taken for the truth value.
-#[derive(Clone, Copy, Debug, Serialize)]
-struct Request(u8);
-
-/// What may stand behind a request: messages are filled up to four bytes.
-const FILLED: usize = 4;
-
-impl<'de> Deserialize<'de> for Request {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct Bytes;
-        impl<'de> Visitor<'de> for Bytes {
-            type Value = Request;
-
-            fn expecting(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
-                f.write_str("one byte")
-            }
-
-            fn visit_seq<A: SeqAccess<'de>>(self, mut bytes: A) -> Result<Request, A::Error> {
-                let first = bytes.next_element()?;
-                let first = first.ok_or_else(|| A::Error::invalid_length(0, &self))?;
-                // The end of the message is an error here.
-                let mut more = || matches!(bytes.next_element::<u8>(), Ok(Some(_)));
-                if (0..FILLED).all(|_| more()) {
-                    return Err(A::Error::custom("it is longer than a request"));
-                }
-                Ok(Request(first))
-            }
-        }
-        deserializer.deserialize_tuple(1 + FILLED, Bytes)
-    }
-}
-
-impl ros2_client::Message for Request {}
 
 /// A text for late readers.
 #[derive(Clone, Debug, Serialize)]
@@ -219,7 +147,7 @@ pub fn run(
     let node = context.new_node(name, options);
     let mut node = node.map_err(|error| refused("the node")(&error))?;
     let topics = Topics::new(&mut node, &settings.description)?;
-    let servers = Servers::new(&mut node, settings.environment.services)?;
+    let servers = Servers::new(&context, &mut node, settings.environment.services)?;
     let served = Served {
         topics,
         servers,
@@ -341,84 +269,16 @@ impl Topics {
     }
 }
 
-struct Servers {
-    triggers: Vec<(Call, Server<Request, Reply>)>,
-    enable: Server<Request, Reply>,
-}
-
-impl Servers {
-    fn new(node: &mut Node, services: Services) -> Result<Self, NodeError> {
-        let mapping = match services {
-            Services::FastDds => ServiceMapping::Enhanced,
-            Services::Cyclone => ServiceMapping::Cyclone,
-        };
-        let mut triggers = Vec::new();
-        for call in Call::ALL {
-            triggers.push((call, server(node, mapping, call.service(), "Trigger")?));
-        }
-        Ok(Self {
-            triggers,
-            enable: server(node, mapping, "enable", "SetBool")?,
-        })
-    }
-
-    fn calls<'a, M: 'a>(&'a self) -> Pin<Box<dyn Stream<Item = Event<M>> + 'a>> {
-        let triggers = self.triggers.iter().enumerate();
-        let triggers = triggers.map(|(index, (call, server))| {
-            pin(server
-                .receive_request_stream()
-                .map(move |request| match request {
-                    Ok((id, _)) => Event::Trigger(*call, id, index),
-                    Err(_) => foreign(call.service()),
-                }))
-        });
-        let enable = pin(self
-            .enable
-            .receive_request_stream()
-            .map(|request| match request {
-                Ok((id, Request(data @ (0 | 1)))) => Event::Enable(data == 1, id),
-                Ok(_) | Err(_) => foreign("enable"),
-            }));
-        pin(futures::stream::select_all(triggers.chain([enable])))
-    }
-}
-
-fn server<Q, A>(
-    node: &mut Node,
-    mapping: ServiceMapping,
-    name: &str,
-    of: &str,
-) -> Result<Server<Q, A>, NodeError>
-where
-    Q: ros2_client::Message + Clone + 'static,
-    A: ros2_client::Message + 'static,
-{
-    let refused = refused(name);
-    let named = named(node, name).map_err(|error| refused(&error))?;
-    let of = ServiceTypeName::new("std_srvs", of);
-    node.create_server(mapping, &named, &of, volatile(), volatile())
-        .map_err(|error| refused(&format_args!("{error:?}")))
-}
-
 /// One thing that has happened.
-enum Event<M> {
+enum Event<'a, M> {
     Publish(Outgoing),
     Command(M, Publishing),
     Unreadable(String),
-    Trigger(Call, ros2_client::RmwRequestId, usize),
-    Enable(bool, ros2_client::RmwRequestId),
+    Called(Called<'a>),
     Participant(graph::Participant),
     /// The messages to publish have ended.
     End,
     Other,
-}
-
-/// A request in the form of another middleware, whose caller hears nothing.
-fn foreign<M>(service: &str) -> Event<M> {
-    Event::Unreadable(format!(
-        "a call of {service}, as another middleware makes it; start omnibus ros with the caller's \
-         RMW_IMPLEMENTATION"
-    ))
 }
 
 /// The node with all its ends.
@@ -452,9 +312,9 @@ impl Served {
             Ok((participant, _)) => Event::Participant(participant),
             Err(_) => Event::Other,
         });
-        let calls = servers.calls();
+        let calls = servers.calls().map(Event::Called);
         // The two sides take turns, so nothing waits behind what is published.
-        let incoming = select(pin(commands), pin(select(calls, pin(participants))));
+        let incoming = select(pin(commands), pin(select(pin(calls), pin(participants))));
         let mut events = select(pin(incoming), pin(outgoing));
         let mut full_since: Option<Instant> = None;
         futures::executor::block_on(async {
@@ -484,15 +344,7 @@ impl Served {
                             twist,
                         });
                     }
-                    Event::Trigger(call, id, index) => {
-                        let reply = on(Incoming::Call(call));
-                        let _ = servers.triggers[index].1.send_response(id, reply);
-                    }
-                    Event::Enable(data, id) => {
-                        let call = if data { Call::Start } else { Call::Stop };
-                        let reply = on(Incoming::Call(call));
-                        let _ = servers.enable.send_response(id, reply);
-                    }
+                    Event::Called(called) => called.pass(on),
                     Event::Participant(participant) => graph.add(participant),
                     Event::Other => {}
                 }
