@@ -10,8 +10,9 @@ records! { COMMISSIONING_RECORDS:
             "1 declares that this robot may move on its own: not coupled to a load, wheels free or \
              area clear. Refused with 0x06040043 unless 0x2040:2 names this robot alone, or \
              0x2050:2 is 1. Ends with every change of the NMT state and after 60 s; writing 1 \
-             again gives another 60 s. A commissioning twist is followed up to 0.25 m/s and 0.5 \
-             rad/s.";
+             again gives another 60 s. 0 ends the motion by a ramp. A commissioning twist is \
+             followed up to 0.25 m/s and 0.5 rad/s, after an NMT start once it has asked for \
+             standstill as often as 0x2042:1 says.";
         ALONE_FOR_NOW = 2: command("Alone for now", "", Kind::U8),
             "1 makes a robot that is a member of a group its own only member for a test: it needs \
              no votes but its own and follows no group twist, and its vote keeps the group at rest \

@@ -1,4 +1,5 @@
-//! Torque, supply and bridge: what a robot commands at its outputs, and which parameters it refuses.
+//! Torque, supply and bridge: what a robot commands at its outputs, and which parameters it
+//! refuses.
 
 use kinematics::Twist;
 use protocol::address::{self as at, motor, rollers};
