@@ -2,7 +2,7 @@
 //!
 //! The bus task calls it every turn: [`Gateway::receive`] before it looks at received frames, with
 //! what the cable has brought, and [`Gateway::send`] with each frame of this robot. Frames of the
-//! bus go to the cable in the interrupt that receives them, which this only switches on. A frame of
+//! bus go to the cable in an interrupt, which this only switches on. A frame of
 //! the cable reaches the robot when it has left for the bus, so that all robots get the same frames
 //! in the same order at the same time; alone, at once (`board`'s CAN driver has the rules). The
 //! cable's end of the protocol is `can_text::slcan`.

@@ -18,8 +18,9 @@
 //!
 //! | from | to | channel | can overflow | then |
 //! |---|---|---|---|---|
-//! | CAN interrupt | bus | queue of 32 frames | yes | newest dropped, counted, fault "receive overrun" |
-//! | CAN interrupt, bus | cable | ring of 512 bytes | yes | newest dropped, reported by `F` |
+//! | CAN receive, transmit interrupt | weaker CAN interrupt | ring of 8 frames | yes | newest dropped, counted, fault "receive overrun" |
+//! | weaker CAN interrupt | bus | queue of 32 frames | yes | newest dropped, counted, fault "receive overrun" |
+//! | weaker CAN interrupt, bus | cable | ring of 512 bytes | yes | newest dropped, reported by `F` |
 //! | cable | bus | ring of 256 bytes | yes | all of it and the line it ends in dropped, reported by `F` |
 //! | bus | CAN mailbox | one frame of the cable; the others stay in its ring | no | |
 //! | bus | CAN mailboxes | one frame waiting, then the queues of `robot` | those, yes | newest dropped, counted |

@@ -136,7 +136,7 @@ mod tests {
 
     #[test]
     fn a_figure_has_its_budget_and_its_ceiling() {
-        assert_eq!(figure("skew.worst", Column::Budget).unwrap().value, 10.0);
+        assert_eq!(figure("skew.worst", Column::Budget).unwrap().value, 5.0);
         let load = figure("load", Column::Ceiling).unwrap();
         assert!((4.0..5.0).contains(&load.value), "{load:?}");
         assert!(figure("load.bus_side", Column::Ceiling).is_err());

@@ -188,12 +188,13 @@ fn the_bit_timing_is_that_of_the_code() {
 #[test]
 fn interrupt_priorities_are_those_of_the_code() {
     /// How the table names the vectors.
-    const NAMES: [(&str, &[&str]); 8] = [
+    const NAMES: [(&str, &[&str]); 9] = [
         ("PVD", &["PVD"]),
         ("TIM9", &["TIM1_BRK_TIM9"]),
         ("EXTI9_5", &["EXTI9_5", "EXTI15_10"]),
-        ("CAN1 receive", &["CAN1_RX0"]),
-        ("CAN1 transmit", &["CAN1_TX", "CAN1_SCE"]),
+        ("CAN1 receive, transmit", &["CAN1_RX0", "CAN1_TX"]),
+        ("CAN1 errors", &["CAN1_SCE"]),
+        ("CAN1_RX1", &["CAN1_RX1"]),
         ("TIM7", &["TIM7"]),
         ("CAN2 receive", &["CAN2_RX0"]),
         ("USART2", &["USART2", "DMA1_STREAM5", "DMA1_STREAM6"]),

@@ -125,7 +125,7 @@ fn cable_drive(usb: bool, rounds: usize) -> (CableLink, Vec<TruthSample>) {
 /// the circle: the setpoints reach the bus a fraction of a millisecond later.
 const POSITION_MM: f64 = 0.5;
 /// What docs/safety.md and docs/performance.md promise of the pulse widths of a group, ns.
-const SKEW_NS: u64 = 10_000;
+const SKEW_NS: u64 = 5_000;
 
 /// Largest distance in time between the duty changes of the robots that belong together.
 fn skew_ns(world: &mut World) -> u64 {

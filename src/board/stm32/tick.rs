@@ -47,18 +47,21 @@ impl TickTimer {
     /// Waits until `due`, not at all if that has been, and returns the time it is then.
     pub async fn until(&mut self, due: Micros) -> Micros {
         poll_fn(|context| {
-            let now = now();
-            let left = due.since(now).0;
-            if left == 0 {
-                return Poll::Ready(now);
-            }
-            // Ready at once, but not before the timer's interrupt: that is the executor's, and it
-            // has no other task. So the interrupt does not have to wake a task. Nothing counts yet,
-            // so what is taken back is this request alone.
-            context.waker().wake_by_ref();
-            NVIC::unpend(interrupt::TIM7);
-            start(u16::try_from(left).unwrap_or(u16::MAX));
-            Poll::Pending
+            // Masked: an interrupt between the time and the start would delay the tick by as much.
+            cortex_m::interrupt::free(|_| {
+                let now = now();
+                let left = due.since(now).0;
+                if left == 0 {
+                    return Poll::Ready(now);
+                }
+                // Ready at once, but not before the timer's interrupt: that is the executor's, and
+                // it has no other task. So the interrupt does not have to wake a task. Nothing
+                // counts yet, so what is taken back is this request alone.
+                context.waker().wake_by_ref();
+                NVIC::unpend(interrupt::TIM7);
+                start(u16::try_from(left).unwrap_or(u16::MAX));
+                Poll::Pending
+            })
         })
         .await
     }

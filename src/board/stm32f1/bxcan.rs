@@ -4,13 +4,13 @@ use embassy_stm32::pac;
 use embassy_stm32::pac::can::Can;
 
 pub use embassy_stm32::interrupt::{
-    CAN1_SCE, USB_HP_CAN1_TX as CAN1_TX, USB_LP_CAN1_RX0 as CAN1_RX0,
+    CAN1_RX1, CAN1_SCE, USB_HP_CAN1_TX as CAN1_TX, USB_LP_CAN1_RX0 as CAN1_RX0,
 };
 
 /// The vectors as types.
 pub mod typelevel {
     pub use embassy_stm32::interrupt::typelevel::{
-        CAN1_SCE, USB_HP_CAN1_TX as CAN1_TX, USB_LP_CAN1_RX0 as CAN1_RX0,
+        CAN1_RX1, CAN1_SCE, USB_HP_CAN1_TX as CAN1_TX, USB_LP_CAN1_RX0 as CAN1_RX0,
     };
 }
 
@@ -27,10 +27,11 @@ pub fn clock() {
 mod vectors {
     use embassy_stm32::bind_interrupts;
 
-    use crate::board::stm32::can::interrupts::{ErrorHandler, RxHandler, TxHandler};
+    use crate::board::stm32::can::interrupts::{ErrorHandler, LaterHandler, RxHandler, TxHandler};
 
     bind_interrupts!(pub struct Irqs {
         USB_LP_CAN1_RX0 => RxHandler;
+        CAN1_RX1 => LaterHandler;
         USB_HP_CAN1_TX => TxHandler;
         CAN1_SCE => ErrorHandler;
     });

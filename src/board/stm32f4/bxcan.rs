@@ -3,7 +3,7 @@
 use embassy_stm32::pac;
 use embassy_stm32::pac::can::Can;
 
-pub use embassy_stm32::interrupt::{CAN1_RX0, CAN1_SCE, CAN1_TX, typelevel};
+pub use embassy_stm32::interrupt::{CAN1_RX0, CAN1_RX1, CAN1_SCE, CAN1_TX, typelevel};
 
 /// The controller.
 pub const CAN: Can = pac::CAN1;
@@ -18,10 +18,11 @@ pub fn clock() {
 mod vectors {
     use embassy_stm32::bind_interrupts;
 
-    use crate::board::stm32::can::interrupts::{ErrorHandler, RxHandler, TxHandler};
+    use crate::board::stm32::can::interrupts::{ErrorHandler, LaterHandler, RxHandler, TxHandler};
 
     bind_interrupts!(pub struct Irqs {
         CAN1_RX0 => RxHandler;
+        CAN1_RX1 => LaterHandler;
         CAN1_TX => TxHandler;
         CAN1_SCE => ErrorHandler;
     });

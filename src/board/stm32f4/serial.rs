@@ -3,7 +3,7 @@
 //!
 //! What comes is put into a ring by DMA1 stream 5, without end; the bus task reads it there. An
 //! idle line wakes the task, and each half of the ring that has been filled. What goes is printed
-//! into a second ring, by the bus task and by the CAN interrupt ([`put`]), from which stream 6
+//! into a second ring, by the bus task and by a CAN interrupt ([`put`]), from which stream 6
 //! takes it; its interrupt goes on with what has been added meanwhile (RM0390 rev 6: USART section
 //! 25, DMA section 9, requests table 28).
 //!

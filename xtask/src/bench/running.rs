@@ -239,7 +239,7 @@ fn skew(driving: &Driving) -> anyhow::Result<Figure> {
             worst = worst.max(near.filter(|near| *near < 400_000).unwrap_or(0));
         }
     }
-    Ok(Figure::new("skew.worst", worst as f64 * 1e-3, "us").budget(10.0))
+    Ok(Figure::new("skew.worst", worst as f64 * 1e-3, "us").budget(5.0))
 }
 
 /// How deep the stack has been since start-up: what has lost the paint of start-up. And how much is

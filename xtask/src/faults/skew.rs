@@ -23,7 +23,7 @@ pub const JITTER_US: u64 = 1_500;
 /// Emulated time of the measurement.
 pub const SECONDS: u64 = 60;
 /// What is promised.
-pub const LIMIT_US: f64 = 10.0;
+pub const LIMIT_US: f64 = 5.0;
 
 const PERIOD_US: u64 = 10_000;
 /// SYNCs at standstill, the start among them.

@@ -1,8 +1,8 @@
 //! The gateway's part: frames of the cable on their way to the bus, and of the bus to the cable.
 //!
 //! One frame of the cable is in a mailbox at a time. It is received by this robot when it has left,
-//! or when it is taken back. A frame of the bus is text in the port's ring when the receive
-//! interrupt ends: nothing keeps it in between, and no task is woken for it.
+//! or when it is taken back. A frame of the bus is printed into the port's ring by an
+//! interrupt weaker than the control tick, and no task is woken for it.
 
 use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering};
 
@@ -80,7 +80,7 @@ impl Can {
             if JOINED.load(Ordering::Relaxed) {
                 return leave(frame, 0).then_some(true);
             }
-            let received = receive_own(*frame);
+            let received = receive_own(now(), *frame);
             if LEAVING.load(Ordering::Relaxed) != NONE || !leave(frame, RECEIVED) || !received {
                 NOT_PASSED_ON.fetch_add(1, Ordering::Relaxed);
             }
@@ -107,7 +107,8 @@ impl Can {
     /// at every turn while one is on its way, and before [`Can::is_joined`] is asked.
     pub fn look_after(&mut self) {
         cortex_m::interrupt::free(|_| {
-            collect_sent();
+            let at = now();
+            collect_sent(at);
             let error = CAN.esr().read();
             // ISO 11898-1: from 128 on a node is error passive.
             let gone = error.boff() || error.tec() >= 128;
@@ -118,7 +119,7 @@ impl Can {
             if leaving == NONE {
                 return;
             }
-            let waited = low_us(now()).wrapping_sub(LEAVING_SINCE.load(Ordering::Relaxed));
+            let waited = low_us(at).wrapping_sub(LEAVING_SINCE.load(Ordering::Relaxed));
             if u64::from(waited) > CABLE_PATIENCE.0 || gone && leaving & RECEIVED == 0 {
                 let mailbox = usize::from(leaving & MAILBOX);
                 CAN.tsr().write(|w| w.set_abrq(mailbox, true));
@@ -131,7 +132,7 @@ impl Can {
     clippy::cast_possible_truncation,
     reason = "compared by wrapping differences"
 )]
-fn low_us(time: Micros) -> u32 {
+pub(super) fn low_us(time: Micros) -> u32 {
     time.0 as u32
 }
 
@@ -152,14 +153,13 @@ pub(super) fn leaving_mailbox() -> Option<u8> {
     (leaving != NONE).then_some(leaving & MAILBOX)
 }
 
-/// Receives a frame of the cable, if it concerns this robot; `false` when there is no room.
-fn receive_own(frame: Frame) -> bool {
-    let at = now();
+/// Receives a frame of the cable at `at`, if it concerns this robot; `false` when there is no room.
+fn receive_own(at: Micros, frame: Frame) -> bool {
     !concerns_us(frame.id()) || RX_QUEUE.try_send(Received { at, frame }).is_ok()
 }
 
-/// Puts a frame of the cable into a mailbox; `false` when all are taken. With interrupts masked, or
-/// from the transmit interrupt, which comes when it has left, or when there is a free mailbox.
+/// Puts a frame of the cable into a mailbox; `false` when all are taken. With interrupts masked.
+/// The transmit interrupt comes when it has left, or when there is a free mailbox.
 fn leave(frame: &Frame, received: u8) -> bool {
     CAN.ier().modify(|w| w.set_tmeie(true));
     let Some(mailbox) = mailboxes::free() else {
@@ -172,9 +172,9 @@ fn leave(frame: &Frame, received: u8) -> bool {
 }
 
 /// Notices which mailboxes are done, and receives the frame of the cable that has left. One that
-/// was taken back is received too: the bus is gone. With interrupts masked, or from the transmit
-/// interrupt.
-pub(super) fn collect_sent() {
+/// was taken back is received too: the bus is gone. With interrupts masked, or from the weaker
+/// interrupt; `at` is when the transmit interrupt came.
+pub(super) fn collect_sent(at: Micros) {
     let can = CAN;
     let status = can.tsr().read();
     for mailbox in 0..3_u8 {
@@ -203,7 +203,7 @@ pub(super) fn collect_sent() {
             mailbox.tdtr().read().dlc(),
             [mailbox.tdlr().read().0, mailbox.tdhr().read().0],
         );
-        if leaving & RECEIVED == 0 && !receive_own(frame) {
+        if leaving & RECEIVED == 0 && !receive_own(at, frame) {
             QUEUE_OVERFLOWS.fetch_add(1, Ordering::Relaxed);
         }
     }

@@ -2,21 +2,22 @@
 //!
 //! # Receiving
 //!
-//! Frames arrive in one FIFO of three; the interrupt takes them out at once, stamps them with the
-//! local time and puts them into [`RX_QUEUE`], from where the bus task takes them in order. One
-//! FIFO, because with two the order of a setpoint and the SYNC that latches it would be lost. Two
-//! things can overflow, and both are counted: the hardware FIFO (an overrun, only when interrupts
-//! are held off for three frame times, 140 us at least) and the queue (when the bus task does not
-//! run for 32 frames, at least 1.5 ms of back-to-back empty frames).
+//! Frames arrive in one FIFO of three; the interrupt takes them out at once and stamps them with
+//! the local time. A second, weaker interrupt ([`arrivals`]) puts them into [`RX_QUEUE`], from
+//! where the bus task takes them in order: a control tick need not wait for that. One FIFO, because
+//! with two the order of a setpoint and the SYNC that latches it would be lost. Two things can
+//! overflow, and both are counted: the hardware FIFO (an overrun, only when interrupts are held off
+//! for three frame times, 140 us at least) and the queue (when the bus task does not run for 32
+//! frames, at least 1.5 ms of back-to-back empty frames).
 //!
-//! The interrupt drops frames of function codes that this robot does not use ([`Can::listen`]),
-//! which costs a hundred cycles instead of a run of the bus task. It keeps all frames with the
-//! robot's own node number, because only another robot with the same number sends them. The
-//! controller's own filters are not used, because they can only be changed while it does not
-//! receive. For frames that have no effect before the next SYNC the interrupt does not wake the bus
-//! task: they wait for the control tick, which wakes it, or for the next frame that cannot wait. So
-//! do the members' votes but the last one ([`Can::expect_votes`]), with which the group decides. A
-//! millisecond has at most 20 frames, so the queue can hold them.
+//! The first interrupt drops frames of function codes that this robot does not use
+//! ([`Can::listen`]), which costs a hundred cycles instead of a run of the bus task. It keeps all
+//! frames with the robot's own node number, because only another robot with the same number sends
+//! them. The controller's own filters are not used, because they can only be changed while it does
+//! not receive. For frames that have no effect before the next SYNC the interrupt does not wake the
+//! bus task: they wait for the control tick, which wakes it, or for the next frame that cannot
+//! wait. So do the members' votes but the last one ([`Can::expect_votes`]), with which the group
+//! decides. A millisecond has at most 20 frames, so the queue can hold them.
 //!
 //! # Gateway
 //!
@@ -25,9 +26,16 @@
 //! the one order in which the bus has seen them, with the times at which the other nodes received
 //! them. A frame that does not leave (no acknowledgement, bus-off, 20 ms) is taken back and
 //! received then. Until a frame leaves again the controller counts as alone: frames of the cable
-//! are received at once, and offered to the bus where there is room. The receive
-//! interrupt prints all frames of the bus into the ring of the cable's port, so a storm of frames
-//! that this robot does not use displaces none that it does.
+//! are received at once, and offered to the bus where there is room. The weaker interrupt prints
+//! all frames of the bus into the ring of the cable's port, so a storm of frames that this robot
+//! does not use displaces none that it does.
+//!
+//! All robots take the time of a frame from the local time at the begin of an interrupt, the
+//! gateway for its own frames too. Simulated, both interrupts come at the end of the frame. A real
+//! sender may be a bit time (1 us) later than the receivers: to them a frame is valid at the last
+//! but one bit of its end, to the sender at the last (ISO 11898-1; RM0390 30.7.3 says so of
+//! reception, and of transmission nothing). So 1 us of a gateway's time is not known before it is
+//! measured.
 //!
 //! # Sending
 //!
@@ -46,13 +54,15 @@
 //!
 //! This file has what the bus task calls; `start` brings the controller up, `cable` is the
 //! gateway's part, `mailboxes` is between frames and registers, `interrupts` takes frames in,
-//! [`away`] answers while the flash is erased.
+//! [`arrivals`] lies between its stronger and its weaker part, [`away`] answers while the flash is
+//! erased.
 //!
 //! # Why not the HAL's driver
 //!
 //! Its buffered receiver silently drops a frame when its queue is full, and its buffered sender
 //! loses the second of two frames with one identifier.
 
+mod arrivals;
 #[cfg(slots)]
 pub mod away;
 mod cable;
@@ -144,7 +154,7 @@ impl Can {
     /// woken when one is free.
     #[must_use]
     pub fn try_send(&mut self, frame: &Frame) -> bool {
-        // Masked: the transmit interrupt takes mailboxes for frames of the cable.
+        // Masked: an interrupt notices which mailboxes frames of the cable have left.
         cortex_m::interrupt::free(|_| {
             let Some(mailbox) = free() else {
                 // Comes at once if a mailbox has become free since.

@@ -5,7 +5,7 @@ use embassy_stm32::pac::can::regs;
 
 use super::Can;
 use crate::board::WIRING;
-use crate::board::family::bxcan::{self, CAN, CAN1_RX0, CAN1_SCE, CAN1_TX};
+use crate::board::family::bxcan::{self, CAN, CAN1_RX0, CAN1_RX1, CAN1_SCE, CAN1_TX};
 use crate::board::family::drives;
 use crate::board::stm32::pin::{Pull, Role, Speed};
 
@@ -75,6 +75,7 @@ impl Can {
             w.set_errie(true);
         });
         CAN1_RX0.unpend();
+        CAN1_RX1.unpend();
         CAN1_TX.unpend();
         CAN1_SCE.unpend();
         enable_interrupts();
@@ -107,6 +108,7 @@ fn enable_interrupts() {
     // break.
     unsafe {
         CAN1_RX0.enable();
+        CAN1_RX1.enable();
         CAN1_TX.enable();
         CAN1_SCE.enable();
     }
