@@ -84,7 +84,7 @@ pub struct Robot {
     pub mount: Pose,
     /// Wheels and where they are.
     pub geometry: FourWheelGeometry,
-    /// The wheels one by one, where they differ; then `geometry` is what simulated worlds go by.
+    /// The wheels one by one, where they differ; see [`Robot::each_wheel`].
     pub wheels: Option<[Wheel; 4]>,
     /// What the master writes into the robot against its losses; 1 is none.
     pub compensation: VelocityCompensation,
@@ -106,6 +106,31 @@ pub struct Robot {
     pub output: OutputStage,
     /// Gains of the wheel-rate loop.
     pub control: Control,
+}
+
+impl Robot {
+    /// Its wheels, whether the file has them one by one or not: front left, front right, rear left,
+    /// rear right.
+    #[must_use]
+    pub fn each_wheel(&self) -> [Wheel; 4] {
+        let geometry = &self.geometry;
+        let (x, y) = (geometry.half_wheelbase(), geometry.half_track());
+        let (radius, angle) = (geometry.wheel_radius(), geometry.roller_angle());
+        let usual = [
+            (x, y, angle),
+            (x, -y, -angle),
+            (-x, y, -angle),
+            (-x, -y, angle),
+        ];
+        self.wheels
+            .unwrap_or(usual.map(|(x, y, roller_angle)| Wheel {
+                x,
+                y,
+                radius,
+                roller_angle,
+                counts_per_revolution: None,
+            }))
+    }
 }
 
 /// Encoders and motors that are wired or mounted the other way round, as objects 0x2020:2 and :3:

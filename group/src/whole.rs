@@ -10,7 +10,7 @@ use toml::de::{DeTable, DeValue};
 
 use crate::check::Checker;
 use crate::declaration::real;
-use crate::model::{Board, GroupFile, Robot};
+use crate::model::{Board, GroupFile, Robot, Wheel};
 use crate::number::rounded;
 use crate::parameters::{ROOM, agreement_delay_us, parameters};
 
@@ -310,12 +310,18 @@ impl Slowest {
 /// The corners of the rectangle that the wheels of a robot stand on, in the group frame: from hub
 /// to hub aside, and ahead by a radius more.
 fn corners(robot: &Robot) -> [(f32, f32); 4] {
-    let geometry = &robot.geometry;
-    let ahead = geometry.half_wheelbase() + geometry.wheel_radius();
-    let aside = geometry.half_track();
+    let wheels = robot.each_wheel();
+    let low = |of: fn(&Wheel) -> f32| wheels.iter().map(of).fold(f32::INFINITY, f32::min);
+    let (behind, ahead) = (low(|w| w.x - w.radius), -low(|w| -w.x - w.radius));
+    let (right, left) = (low(|w| w.y), -low(|w| -w.y));
     let (sin, cos) = robot.mount.heading.sin_cos();
-    [(1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0)].map(|(x, y): (f32, f32)| {
-        let (x, y) = (x * ahead, y * aside);
+    [
+        (ahead, left),
+        (ahead, right),
+        (behind, right),
+        (behind, left),
+    ]
+    .map(|(x, y)| {
         (
             robot.mount.x + x * cos - y * sin,
             robot.mount.y + x * sin + y * cos,

@@ -70,16 +70,7 @@ fn one_wheel(text: &mut String, robot: &Robot, index: usize, wheel: &str) {
         wheel_joint(robot.node, wheel),
     );
     let parent = robot_link(robot.node);
-    let shape = &robot.geometry;
-    let (x, y, radius) = match &robot.wheels {
-        Some(wheels) => (wheels[index].x, wheels[index].y, wheels[index].radius),
-        None => {
-            let ahead = if index < 2 { 1.0 } else { -1.0 };
-            let left = if index.is_multiple_of(2) { 1.0 } else { -1.0 };
-            let (x, y) = (ahead * shape.half_wheelbase(), left * shape.half_track());
-            (x, y, shape.wheel_radius())
-        }
-    };
+    let group::Wheel { x, y, radius, .. } = robot.each_wheel()[index];
     let width = WIDTH * radius;
     let quarter = std::f32::consts::FRAC_PI_2;
     let _ = writeln!(

@@ -10,8 +10,8 @@
 
 use group::{GroupFile, Robot};
 use kinematics::{
-    Covariance, FourWheelGeometry, Mount, Platform, Pose, Twist, TwistUncertainty,
-    UncertainOdometry, Uncertainty, VelocityCompensation, Wheel, WheelRates,
+    Covariance, Mount, Platform, Pose, Twist, TwistUncertainty, UncertainOdometry, Uncertainty,
+    VelocityCompensation, Wheel, WheelRates,
 };
 
 use crate::monitor::average::mean_twist;
@@ -213,23 +213,12 @@ impl Odometry {
 
 fn wheels(robot: &Robot) -> Option<[Wheel<f64>; 4]> {
     let wide = f64::from;
-    if let Some(each) = &robot.wheels {
-        let mut wheels = Vec::new();
-        for wheel in each {
-            let (x, y) = (wide(wheel.x), wide(wheel.y));
-            let angle = wide(wheel.roller_angle);
-            wheels.push(Wheel::new(x, y, 0.0, angle, wide(wheel.radius)).ok()?);
-        }
-        return wheels.try_into().ok();
-    }
-    let shape = &robot.geometry;
-    let shape = FourWheelGeometry::new(
-        wide(shape.half_track()),
-        wide(shape.half_wheelbase()),
-        wide(shape.wheel_radius()),
-        wide(shape.roller_angle()),
-    );
-    shape.ok()?.wheels().ok()
+    let one = |wheel: group::Wheel| {
+        let (x, y, radius) = (wide(wheel.x), wide(wheel.y), wide(wheel.radius));
+        Wheel::new(x, y, 0.0, wide(wheel.roller_angle), radius).ok()
+    };
+    let [a, b, c, d] = robot.each_wheel();
+    Some([one(a)?, one(b)?, one(c)?, one(d)?])
 }
 
 /// The frame in which what is now at `seen` is at `at`.

@@ -14,16 +14,10 @@ const WIDTH_SHARE: f64 = 0.4;
 pub fn of(group: &GroupFile) -> Physics {
     let mut wheels = Vec::new();
     for robot in &group.robots {
-        let (mount, geometry) = (robot.mount, &robot.geometry);
-        let (track, base) = (geometry.half_track(), geometry.half_wheelbase());
-        let radius = f64::from(geometry.wheel_radius());
-        for (x, y) in [
-            (base, track),
-            (base, -track),
-            (-base, track),
-            (-base, -track),
-        ] {
-            let (x, y) = (f64::from(x), f64::from(y));
+        let mount = robot.mount;
+        for wheel in robot.each_wheel() {
+            let (x, y) = (f64::from(wheel.x), f64::from(wheel.y));
+            let radius = f64::from(wheel.radius);
             let (sin, cos) = f64::from(mount.heading).sin_cos();
             wheels.push(Wheel {
                 x: f64::from(mount.x) + cos * x - sin * y,

@@ -130,25 +130,31 @@ impl ExternalPlant {
     /// Connects to `host:port` and introduces the robots, the group frame at `start`.
     ///
     /// # Errors
-    /// When no program listens there, or a robot's geometry has no solution.
+    /// When no program listens there, a robot's geometry has no solution, or its wheels differ.
     pub fn connect(group: &GroupFile, address: &str, start: Pose<f64>) -> Result<Self, SimError> {
-        let members = members(group)?;
-        let formation = Formation::new(&members);
-        let poses: Vec<_> = formation.places(start).collect();
-        let robots = members
-            .iter()
-            .zip(&poses)
-            .enumerate()
-            .map(|(n, ((_, wheels), pose))| HelloRobot {
-                x: pose.x,
-                y: pose.y,
-                heading: pose.heading,
-                half_track: wheels.half_track(),
-                half_wheelbase: wheels.half_wheelbase(),
-                wheel_radius: wheels.wheel_radius(),
-                roller_angle: wheels.roller_angle(),
-                rigid_group: if group.simulation.rigid { 0 } else { n },
+        if let Some(robot) = group.robots.iter().find(|robot| robot.wheels.is_some()) {
+            return Err(SimError::Plant {
+                problem: format!(
+                    "robot.wheels of node {}: a plant outside is told of four equal wheels only; \
+                     leave it out, or take a plant of tables or rollers",
+                    robot.node
+                ),
             });
+        }
+        let formation = Formation::new(&members(group)?);
+        let poses: Vec<_> = formation.places(start).collect();
+        let usual = group.robots.iter().map(|robot| &robot.geometry);
+        let robots = usual.zip(&poses).enumerate();
+        let robots = robots.map(|(n, (wheels, pose))| HelloRobot {
+            x: pose.x,
+            y: pose.y,
+            heading: pose.heading,
+            half_track: wheels.half_track().into(),
+            half_wheelbase: wheels.half_wheelbase().into(),
+            wheel_radius: wheels.wheel_radius().into(),
+            roller_angle: wheels.roller_angle().into(),
+            rigid_group: if group.simulation.rigid { 0 } else { n },
+        });
         let hello = Hello {
             omnibus_plant: VERSION,
             robots: robots.collect(),

@@ -3,7 +3,7 @@
 //! Each member would move by its own twist. A rigid body can only follow one: the one that comes
 //! closest, in the least-squares sense, to the velocities of all wheels' centres. It is found in
 //! closed form: with the members' places `p_j`, their velocities `v_j` and yaw rates `w_j` in the
-//! group frame and `q_j` the distance of a member's wheels from its centre, `w = sum((p_j - c) x
+//! group frame and `q_j^2` the mean square of its wheels' distances from its centre, `w = sum((p_j - c) x
 //! v_j + q_j^2 w_j) / sum(|p_j - c|^2 + q_j^2)`, and the centre `c` of the members moves with their
 //! mean velocity.
 //!
@@ -11,7 +11,7 @@
 //! pose it started in, and the shape error is how far that has come from the member's place in the
 //! body. The body itself never bends.
 
-use kinematics::{FourWheelGeometry, Pose, Twist};
+use kinematics::{Pose, Twist, Wheel};
 
 /// Members and their places.
 #[derive(Debug, Clone)]
@@ -24,14 +24,14 @@ pub struct Formation {
 #[derive(Debug, Clone)]
 struct Member {
     place: Pose<f64>,
-    /// Squared distance of the wheels from the member's centre, m².
+    /// Mean square of the wheels' distances from the member's centre, m².
     spread: f64,
 }
 
 impl Formation {
     /// A formation of members with these places in the group frame and these wheels.
     #[must_use]
-    pub fn new(members: &[(Pose<f64>, FourWheelGeometry<f64>)]) -> Self {
+    pub fn new(members: &[(Pose<f64>, [Wheel<f64>; 4])]) -> Self {
         let count = members.len().max(1) as f64;
         let sum = members
             .iter()
@@ -39,9 +39,13 @@ impl Formation {
         Self {
             members: members
                 .iter()
-                .map(|(place, wheels)| Member {
-                    place: *place,
-                    spread: wheels.half_track().powi(2) + wheels.half_wheelbase().powi(2),
+                .map(|(place, wheels)| {
+                    let square = |wheel: Wheel<f64>| wheel.x().powi(2) + wheel.y().powi(2);
+                    let [a, b, c, d] = wheels.map(square);
+                    Member {
+                        place: *place,
+                        spread: ((a + b) + (c + d)) / 4.0,
+                    }
                 })
                 .collect(),
             centre: (sum.0 / count, sum.1 / count),
@@ -155,6 +159,8 @@ pub fn advance(pose: Pose<f64>, twist: Twist<f64>, dt: f64) -> Pose<f64> {
 
 #[cfg(test)]
 mod tests {
+    use kinematics::FourWheelGeometry;
+
     use super::*;
 
     const NEAR: f64 = 1e-12;
@@ -162,6 +168,7 @@ mod tests {
     fn tandem() -> Formation {
         let wheels =
             FourWheelGeometry::new(0.37, 0.35, 0.1524, std::f64::consts::FRAC_PI_4).unwrap();
+        let wheels = wheels.wheels().unwrap();
         Formation::new(&[
             (Pose::new(2.0, 0.5, 0.0), wheels),
             (Pose::new(0.0, 0.5, std::f64::consts::FRAC_PI_2), wheels),

@@ -11,7 +11,7 @@
 
 use group::{GroupFile, Tables};
 use kinematics::{
-    FourWheelGeometry, MemberKinematics, Mount, Pose, Twist, VelocityCompensation, WheelRates,
+    GeometryError, MemberKinematics, Mount, Pose, Twist, VelocityCompensation, Wheel, WheelRates,
 };
 
 use super::Plant;
@@ -109,37 +109,36 @@ impl Plant for TablePlant {
 }
 
 /// A robot's place in the group frame, and its wheels.
-pub(crate) type Member = (Pose<f64>, FourWheelGeometry<f64>);
+pub(crate) type Member = (Pose<f64>, [Wheel<f64>; 4]);
 
 /// The members' places and wheels in double precision, with exactly the values that the robots are
 /// given.
 pub(crate) fn members(group: &GroupFile) -> Result<Vec<Member>, SimError> {
-    group
-        .robots
-        .iter()
-        .map(|robot| {
-            let place = Pose::new(
-                f64::from(robot.mount.x),
-                f64::from(robot.mount.y),
-                f64::from(robot.mount.heading),
-            );
-            let wheels = FourWheelGeometry::new(
-                f64::from(robot.geometry.half_track()),
-                f64::from(robot.geometry.half_wheelbase()),
-                f64::from(robot.geometry.wheel_radius()),
-                f64::from(robot.geometry.roller_angle()),
-            );
-            Ok((
-                place,
-                wheels.map_err(|error| SimError::geometry(robot.node, error))?,
-            ))
-        })
-        .collect()
+    let of = |robot: &group::Robot| {
+        let place = Pose::new(
+            f64::from(robot.mount.x),
+            f64::from(robot.mount.y),
+            f64::from(robot.mount.heading),
+        );
+        let wheels = wheels(robot).map_err(|error| SimError::geometry(robot.node, error))?;
+        Ok((place, wheels))
+    };
+    group.robots.iter().map(of).collect()
+}
+
+fn wheels(robot: &group::Robot) -> Result<[Wheel<f64>; 4], GeometryError> {
+    let wide = f64::from;
+    let one = |wheel: group::Wheel| {
+        let (x, y, radius) = (wide(wheel.x), wide(wheel.y), wide(wheel.radius));
+        Wheel::new(x, y, 0.0, wide(wheel.roller_angle), radius)
+    };
+    let [a, b, c, d] = robot.each_wheel();
+    Ok([one(a)?, one(b)?, one(c)?, one(d)?])
 }
 
 /// Wheel rates to robot twist without any compensation.
-pub(crate) fn rolling(wheels: &FourWheelGeometry<f64>) -> Result<MemberKinematics<f64>, SimError> {
+pub(crate) fn rolling(wheels: &[Wheel<f64>; 4]) -> Result<MemberKinematics<f64>, SimError> {
     let here = Mount::new(Pose::new(0.0, 0.0, 0.0)).map_err(SimError::wheels)?;
     let none = VelocityCompensation::new(1.0, 1.0, 1.0).map_err(SimError::wheels)?;
-    MemberKinematics::new(wheels, &here, &none).map_err(SimError::wheels)
+    MemberKinematics::from_wheels(wheels, &here, &none).map_err(SimError::wheels)
 }

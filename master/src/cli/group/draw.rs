@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use anyhow::Context as _;
-use group::{GroupFile, Robot};
+use group::{GroupFile, Robot, Wheel};
 use kinematics::Pose;
 
 use super::{json, print_json, print_line};
@@ -42,42 +42,6 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     print_line(path.display())
 }
 
-/// A wheel of a robot: where it is, its radius, and its roller's axle on the floor against the
-/// wheel's axle, counter-clockwise from above.
-struct Wheel {
-    x: f32,
-    y: f32,
-    radius: f32,
-    roller: f32,
-}
-
-/// Front left, front right, rear left, rear right, in the robot's frame.
-fn wheels(robot: &Robot) -> [Wheel; 4] {
-    if let Some(wheels) = robot.wheels {
-        return wheels.map(|wheel| Wheel {
-            x: wheel.x,
-            y: wheel.y,
-            radius: wheel.radius,
-            roller: wheel.roller_angle,
-        });
-    }
-    let geometry = &robot.geometry;
-    let (x, y) = (geometry.half_wheelbase(), geometry.half_track());
-    let (radius, angle) = (geometry.wheel_radius(), geometry.roller_angle());
-    [
-        (x, y, angle),
-        (x, -y, -angle),
-        (-x, y, -angle),
-        (-x, -y, angle),
-    ]
-    .map(|(x, y, roller)| Wheel {
-        x,
-        y,
-        radius,
-        roller,
-    })
-}
-
 /// A place in a robot's frame, in the group's.
 fn placed(mount: Pose, x: f32, y: f32) -> (f32, f32) {
     let at = mount.compose(Pose::new(x, y, 0.0));
@@ -88,7 +52,7 @@ fn placed(mount: Pose, x: f32, y: f32) -> (f32, f32) {
 fn extent(group: &GroupFile) -> [f32; 4] {
     let mut out = [0.0_f32; 4];
     for robot in &group.robots {
-        for wheel in wheels(robot) {
+        for wheel in robot.each_wheel() {
             for (dx, dy) in [(1.0, 0.3), (1.0, -0.3), (-1.0, 0.3), (-1.0, -0.3)] {
                 let (x, y) = (wheel.x + dx * wheel.radius, wheel.y + dy * wheel.radius);
                 let (x, y) = placed(robot.mount, x, y);
@@ -159,7 +123,9 @@ impl Canvas {
 pub fn text(group: &GroupFile) -> String {
     let mut canvas = Canvas::new(extent(group));
     for robot in &group.robots {
-        let corners = wheels(robot).map(|wheel| placed(robot.mount, wheel.x, wheel.y));
+        let corners = robot
+            .each_wheel()
+            .map(|wheel| placed(robot.mount, wheel.x, wheel.y));
         let [front_left, front_right, rear_left, rear_right] = corners;
         for (from, to) in [
             (front_left, front_right),
@@ -169,9 +135,9 @@ pub fn text(group: &GroupFile) -> String {
         ] {
             canvas.line(from, to, '·');
         }
-        for wheel in wheels(robot) {
+        for wheel in robot.each_wheel() {
             let (x, y) = placed(robot.mount, wheel.x, wheel.y);
-            canvas.put(x, y, slant(robot.mount.heading - wheel.roller));
+            canvas.put(x, y, slant(robot.mount.heading - wheel.roller_angle));
         }
         canvas.put(
             robot.mount.x,
@@ -288,7 +254,7 @@ fn robot_svg(out: &mut String, robot: &Robot, scale: f32, at: (f32, f32)) {
         "<g transform=\"translate({:.1} {:.1}) rotate({turn:.2})\">",
         at.0, at.1
     );
-    let all = wheels(robot);
+    let all = robot.each_wheel();
     let reach = |of: fn(&Wheel) -> f32| {
         all.iter()
             .map(of)
@@ -319,7 +285,7 @@ fn robot_svg(out: &mut String, robot: &Robot, scale: f32, at: (f32, f32)) {
             2.0 * long
         );
         // The rollers seen from above slant the other way than the one on the floor does.
-        let (rise, run) = (wide * wheel.roller.tan(), wide);
+        let (rise, run) = (wide * wheel.roller_angle.tan(), wide);
         for n in -2..=2 {
             let middle = n as f32 * long * 0.38;
             let _ = write!(

@@ -12,11 +12,9 @@
 
 use std::f64::consts::TAU;
 
-use group::GroupFile;
+use group::{GroupFile, Robot};
 use kinematics::trajectory::{Line, Turn};
-use kinematics::{
-    FourWheelGeometry, MemberKinematics, Mount, Pose, Twist, VelocityCompensation, WheelRates,
-};
+use kinematics::{MemberKinematics, Mount, Pose, Twist, VelocityCompensation, Wheel, WheelRates};
 
 use serde::{Deserialize, Serialize};
 
@@ -132,12 +130,12 @@ impl Manoeuvre {
         let mut lever = 1.0;
         let mut passage = f64::INFINITY;
         if let Some(robot) = file.robots.first() {
-            let g = robot.geometry;
             if way == Way::Turn {
-                lever = f64::from(g.half_track() + g.half_wheelbase());
+                let corner = |wheel: group::Wheel| f64::from(wheel.x.abs() + wheel.y.abs());
+                lever = robot.each_wheel().map(corner).into_iter().sum::<f64>() / 4.0;
             }
             let count = robot.rollers.map_or(settings.rollers, |r| r.count).max(1);
-            if let Some(slowest) = slowest(&g, twist) {
+            if let Some(slowest) = slowest(robot, twist) {
                 passage = TAU / f64::from(count) / slowest;
             }
         }
@@ -199,17 +197,23 @@ fn ramp(way: Way, speed: f64, file: &GroupFile) -> f64 {
 }
 
 /// Rate of the slowest wheel that turns, rad/s.
-fn slowest(geometry: &FourWheelGeometry, twist: Twist<f64>) -> Option<f64> {
-    let geometry = FourWheelGeometry::new(
-        f64::from(geometry.half_track()),
-        f64::from(geometry.half_wheelbase()),
-        f64::from(geometry.wheel_radius()),
-        f64::from(geometry.roller_angle()),
-    )
-    .ok()?;
+fn slowest(robot: &Robot, twist: Twist<f64>) -> Option<f64> {
+    let one = |wheel: group::Wheel| {
+        let angle = f64::from(wheel.roller_angle);
+        let wheel = Wheel::new(
+            wheel.x.into(),
+            wheel.y.into(),
+            0.0,
+            angle,
+            wheel.radius.into(),
+        );
+        wheel.ok()
+    };
+    let [a, b, c, d] = robot.each_wheel();
+    let wheels = [one(a)?, one(b)?, one(c)?, one(d)?];
     let here = Mount::new(Pose::new(0.0, 0.0, 0.0)).ok()?;
     let none = VelocityCompensation::new(1.0, 1.0, 1.0).ok()?;
-    let wheels = MemberKinematics::new(&geometry, &here, &none).ok()?;
+    let wheels = MemberKinematics::from_wheels(&wheels, &here, &none).ok()?;
     let rates: [f64; 4] = WheelRates::into(wheels.inverse(twist));
     let rates = rates.map(f64::abs);
     let fastest = rates.iter().copied().fold(0.0, f64::max);

@@ -6,7 +6,7 @@
 //! it, exactly as soon as it knows which contacts are at their limit, which is mostly at once.
 
 use group::{Patch, Payload};
-use kinematics::Pose;
+use kinematics::{Pose, Wheel};
 
 use super::four::Four;
 use super::wheel::{Push, Pushes, Stand, Wheels};
@@ -56,9 +56,9 @@ impl Body {
         });
         let mut robots = Vec::with_capacity(parts.len());
         for part in parts {
-            let (w, h) = (part.geometry.half_track(), part.geometry.half_wheelbase());
+            let (w, h) = half_sizes(&part.wheels);
             let (x, y) = (part.place.x - centre.0, part.place.y - centre.1);
-            // An even rectangle of 2 w by 2 h about its middle, and that middle about the centre.
+            // An even rectangle of 2 w by 2 h about the robot's place, and that about the centre.
             inertia += contact.mass * ((w * w + h * h) / 3.0 + x * x + y * y);
             robots.push(Wheels::of(contact, part, (x, y)));
         }
@@ -139,6 +139,20 @@ impl Body {
         self.pose.y += dt * self.velocity[1];
         self.pose.heading += dt * omega;
     }
+}
+
+/// Half of the width and length over which the wheels of a robot stand, m.
+fn half_sizes(wheels: &[Wheel<f64>; 4]) -> (f64, f64) {
+    let half = |of: fn(&Wheel<f64>) -> f64| {
+        let (low, high) = wheels
+            .iter()
+            .map(of)
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), at| {
+                (low.min(at), high.max(at))
+            });
+        0.5 * (high - low)
+    };
+    (half(|wheel| wheel.y()), half(|wheel| wheel.x()))
 }
 
 /// Friction of the last patch that holds a place.

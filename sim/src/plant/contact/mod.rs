@@ -44,7 +44,7 @@ mod wheel;
 use std::f64::consts::{PI, TAU};
 
 use group::GroupFile;
-use kinematics::{FourWheelGeometry, Pose};
+use kinematics::{Pose, Wheel};
 
 use super::Plant;
 use super::formation::Formation;
@@ -64,7 +64,7 @@ struct Part {
     robot: usize,
     /// Pose in the frame of the body.
     place: Pose<f64>,
-    geometry: FourWheelGeometry<f64>,
+    wheels: [Wheel<f64>; 4],
     /// Roller phases at wheel angle 0, rad.
     phases: [f64; 4],
 }
@@ -170,10 +170,10 @@ impl ContactPlant {
                 .iter()
                 .zip(phases)
                 .enumerate()
-                .map(|(robot, ((place, geometry), phases))| Part {
+                .map(|(robot, ((place, wheels), phases))| Part {
                     robot,
                     place: *place,
-                    geometry: *geometry,
+                    wheels: *wheels,
                     phases,
                 });
         let parts: Vec<Part> = parts.collect();

@@ -8,7 +8,7 @@
 
 use std::f64::consts::PI;
 
-use kinematics::FourWheelGeometry;
+use kinematics::Wheel;
 
 use super::Contact;
 use super::footprint::Foot;
@@ -25,7 +25,7 @@ const INTERVALS: u32 = 64;
 pub(super) struct Rollers {
     shape: Barrel,
     /// Moment of inertia of one about its axle, kg m^2.
-    inertia: f64,
+    inertia: Four,
     /// By number, then by wheel. How fast those on the floor turn is in `turning`.
     each: Vec<[Roller; 4]>,
     /// Those on the floor under each wheel, a first and a second; the same twice where it stands on
@@ -75,14 +75,14 @@ struct Roller {
 /// Such a shape that the wheel is round.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Barrel {
-    /// Radius of the wheel, and of its rollers' axles at their middles, m.
-    wheel: f64,
-    axle: f64,
+    /// Radius of the wheels, and of their rollers' axles at their middles, m.
+    wheel: Four,
+    axle: Four,
 }
 
 impl Barrel {
-    pub fn new(contact: &Contact, geometry: &FourWheelGeometry<f64>) -> Self {
-        let wheel = geometry.wheel_radius();
+    pub fn new(contact: &Contact, wheels: &[Wheel<f64>; 4]) -> Self {
+        let wheel = Four(wheels.map(|wheel| wheel.radius()));
         Self {
             wheel,
             axle: wheel * (1.0 - contact.roller_ratio),
@@ -92,47 +92,45 @@ impl Barrel {
     /// Where the floor touches rollers on which wheels stand.
     #[inline(always)]
     pub fn grip(self, foot: &Foot) -> Grip {
-        let thinnest = THINNEST * (self.wheel - self.axle);
-        let radius = Four::all(self.wheel) - foot.secant * self.axle;
         Grip {
-            radius: radius.max(Four::all(thinnest)),
+            radius: self.radius(foot.secant),
             share: foot.share,
         }
     }
 
     /// Radius where it touches the floor when the wheel has turned from the barrel's middle by an
     /// angle of this secant, m.
-    fn radius(self, secant: f64) -> f64 {
-        (self.wheel - self.axle * secant).max(THINNEST * (self.wheel - self.axle))
+    #[inline(always)]
+    fn radius(self, secant: Four) -> Four {
+        (self.wheel - self.axle * secant).max((self.wheel - self.axle) * THINNEST)
     }
 
     /// Moment of inertia about its axle, if it were solid: half of density times pi times the
     /// integral of the fourth power of the radius. Where the wheel touches at `phi`, it is `axle
     /// tan(phi) / sin(roller angle)` from the middle.
-    fn inertia(self, density: f64, sin_roller: f64, half_pitch: f64) -> f64 {
+    fn inertia(self, density: f64, sin_roller: Four, half_pitch: f64) -> Four {
         let step = half_pitch / f64::from(INTERVALS);
-        let sum: f64 = (0..=INTERVALS)
-            .map(|k| {
-                let secant = 1.0 / libm::cos(f64::from(k) * step);
-                let weight = match k {
-                    0 | INTERVALS => 1.0,
-                    k if k % 2 == 1 => 4.0,
-                    _ => 2.0,
-                };
-                weight * self.radius(secant).powi(4) * secant.powi(2)
-            })
-            .sum();
-        let half = self.axle / sin_roller * sum * step / 3.0;
-        0.5 * density * PI * 2.0 * half
+        let sum = (0..=INTERVALS).fold(Four::ZERO, |sum, k| {
+            let secant = 1.0 / libm::cos(f64::from(k) * step);
+            let weight = match k {
+                0 | INTERVALS => 1.0,
+                k if k % 2 == 1 => 4.0,
+                _ => 2.0,
+            };
+            let fourth = self.radius(Four::all(secant)).map(|radius| radius.powi(4));
+            sum + fourth * weight * secant.powi(2)
+        });
+        let half = self.axle / sin_roller * sum * step / Four::all(3.0);
+        half * (0.5 * density * PI * 2.0)
     }
 }
 
 impl Rollers {
     /// All of them at rest.
-    pub fn new(contact: &Contact, geometry: &FourWheelGeometry<f64>) -> Self {
-        let shape = Barrel::new(contact, geometry);
+    pub fn new(contact: &Contact, wheels: &[Wheel<f64>; 4]) -> Self {
+        let shape = Barrel::new(contact, wheels);
         let half_pitch = PI / f64::from(contact.rollers);
-        let sin_roller = libm::sin(geometry.roller_angle());
+        let sin_roller = Four(wheels.map(|wheel| libm::sin(wheel.roller_angle().abs())));
         let at_rest = Roller {
             rate: 0.0,
             left: Some(0.0),
@@ -166,15 +164,16 @@ impl Rollers {
                 }
             }
         }
-        let middle = self.shape.radius(1.0);
+        let middle = self.shape.radius(Four::ONE);
+        let slowing = drag * middle * middle / self.inertia;
         for (number, rollers) in self.each.iter_mut().enumerate() {
-            for ((roller, down), drag) in rollers.iter_mut().zip(down).zip(drag.0) {
+            for ((roller, down), slowing) in rollers.iter_mut().zip(down).zip(slowing.0) {
                 let down = down.into_iter().any(|down| usize::from(down) == number);
                 match roller.left {
                     None if !down => roller.left = Some(self.now),
                     Some(left) if down => {
-                        if self.inertia > 0.0 {
-                            let slowing = drag * middle * middle / self.inertia;
+                        // Without inertia it is infinite, or no number without drag.
+                        if slowing.is_finite() {
                             roller.rate *= libm::exp(slowing * (left - self.now));
                         }
                         roller.left = None;
@@ -206,7 +205,7 @@ impl Rollers {
         let over = grip.radius * lever;
         // As much inertia as drag and inertia together are in this step, kg m^2; one without either
         // does not resist, and nothing has to turn it.
-        let resists = Four::all(self.inertia) + drag * grip.share * over;
+        let resists = self.inertia + drag * grip.share * over;
         let gives = resists.where_positive(Four::ONE / resists, Four::ZERO);
         turning.free = turning.rate * self.inertia * gives;
         turning.gain = lever * gives;
@@ -233,6 +232,8 @@ impl Rollers {
 
 #[cfg(test)]
 mod tests {
+    use kinematics::FourWheelGeometry;
+
     use super::*;
 
     const WHEEL: f64 = 0.1524;
@@ -243,7 +244,7 @@ mod tests {
     fn rollers(contact: Contact) -> Rollers {
         let angle = std::f64::consts::FRAC_PI_4;
         let geometry = FourWheelGeometry::new(0.37, 0.35, WHEEL, angle).unwrap();
-        Rollers::new(&contact, &geometry)
+        Rollers::new(&contact, &geometry.wheels().unwrap())
     }
 
     /// Wheels each on one roller: its number, and where.
@@ -294,7 +295,7 @@ mod tests {
         let half_pitch = PI / 128.0;
         let length = 2.0 * (WHEEL - radius) * half_pitch.tan() * std::f64::consts::SQRT_2;
         let mass = contact.roller_density * PI * radius * radius * length;
-        let ratio = rollers(contact).inertia / (0.5 * mass * radius * radius);
+        let ratio = rollers(contact).inertia.0[1] / (0.5 * mass * radius * radius);
         assert!(
             (ratio - (1.0 - 4.0 / 3.0 * 1.07e-3)).abs() < 1e-5,
             "{ratio}"
@@ -318,7 +319,7 @@ mod tests {
             - 4.0 * WHEEL * a.powi(3) * cubed
             + a.powi(4) * fourth;
         let expected = contact.roller_density * PI * a * std::f64::consts::SQRT_2 * integral;
-        let ratio = rollers(contact).inertia / expected;
+        let ratio = rollers(contact).inertia.0[1] / expected;
         // The terms are a thousand times larger than their sum.
         assert!((ratio - 1.0).abs() < 1e-8, "{ratio}");
     }
@@ -332,7 +333,7 @@ mod tests {
             let foot = on(0, phi);
             let impulse = spin_up(&mut rollers, &foot, 0.7, 0.0, 0.02);
             let radius = WHEEL - (WHEEL - 0.0335) / phi.cos();
-            let expected = rollers.inertia * 0.7 / (radius * radius);
+            let expected = rollers.inertia.0[2] * 0.7 / (radius * radius);
             // Contacts of 10^4 N s/m under a mass of a kilogram are there after a tenth of a
             // millisecond.
             let reached = surface(&rollers, 0, &foot);
@@ -378,7 +379,7 @@ mod tests {
         // the middle.
         spin_up(&mut rollers, &on(1, edge), 0.7, drag, 0.05);
         rollers.stand_on([[0; 2]; 4], Four::all(drag));
-        let expected = rate * (-drag * 0.0335 * 0.0335 * 0.05 / rollers.inertia).exp();
+        let expected = rate * (-drag * 0.0335 * 0.0335 * 0.05 / rollers.inertia.0[2]).exp();
         let left = rollers.turning[0].rate.0[2];
         assert!((left / expected - 1.0).abs() < 1e-9, "{left} {expected}");
         assert!(expected < 0.5 * rate);

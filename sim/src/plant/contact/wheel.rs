@@ -1,7 +1,5 @@
 //! The wheels of a robot as contacts of a body: where the floor can push it, and how hard.
 
-use kinematics::FourWheelGeometry;
-
 use super::footprint::{Foot, Footprint};
 use super::four::Four;
 use super::roller::{Barrel, Grip, Rollers};
@@ -12,7 +10,7 @@ use super::{Contact, Part};
 pub(super) struct Underside {
     footprint: Footprint,
     barrel: Barrel,
-    sin_roller: f64,
+    sin_roller: Four,
     /// With the sign of the wheel's hand: the roller's axle to the left, level.
     left: Four,
     /// By how much the contact wanders along the wheel's axle, over the tangent of the roller's
@@ -53,7 +51,7 @@ pub(super) struct Wheels {
     sin: f64,
     cos: f64,
     /// Rolling radius, settled, m.
-    radius: f64,
+    radius: Four,
     /// 1 over the slip velocity at which friction is fully developed, s/m.
     per_creep: f64,
     /// Force across a roller's axle over load and velocity, s/m.
@@ -88,23 +86,21 @@ pub(super) type Pushes = [Push; 2];
 /// Stiffest contact, N s/m: what wheels that contradict each other fight about is shared by it.
 const STIFFEST: f64 = 4e9;
 
-/// Where the wheels of a robot are, ahead and to the left, and on which diagonal: +1 from front
-/// left to rear right.
-const AHEAD: [f64; 4] = [1.0, 1.0, -1.0, -1.0];
-const LEFT: [f64; 4] = [1.0, -1.0, 1.0, -1.0];
-const HAND: Four = Four([1.0, -1.0, -1.0, 1.0]);
-
 impl Underside {
     pub fn new(contact: &Contact, part: &Part) -> Self {
-        let geometry: &FourWheelGeometry<f64> = &part.geometry;
-        let (sin_roller, cos_roller) = libm::sincos(geometry.roller_angle());
-        let axle = geometry.wheel_radius() * (1.0 - contact.roller_ratio);
+        let of_wheel = |of: &dyn Fn(f64, f64, f64) -> f64| {
+            Four(part.wheels.map(|wheel| {
+                let (sin, cos) = libm::sincos(wheel.roller_angle().abs());
+                let axle = wheel.radius() * (1.0 - contact.roller_ratio);
+                of(sin, -cos * wheel.roller_angle().signum(), axle)
+            }))
+        };
         Self {
             footprint: Footprint::new(contact.rollers, part.phases, contact.settling),
-            barrel: Barrel::new(contact, geometry),
-            sin_roller,
-            left: -HAND * cos_roller,
-            wander: -HAND * (axle * cos_roller / sin_roller),
+            barrel: Barrel::new(contact, &part.wheels),
+            sin_roller: of_wheel(&|sin, _, _| sin),
+            left: of_wheel(&|_, left, _| left),
+            wander: of_wheel(&|sin, left, axle| axle * left / sin),
         }
     }
 
@@ -138,21 +134,22 @@ impl Wheels {
     /// The wheels of a robot whose centre is at (`x`, `y`) from the body's centre of mass; no load
     /// yet.
     pub fn of(contact: &Contact, part: &Part, (x, y): (f64, f64)) -> Self {
-        let geometry: &FourWheelGeometry<f64> = &part.geometry;
         let (sin, cos) = libm::sincos(part.place.heading);
-        let (h, w) = (geometry.half_wheelbase(), geometry.half_track());
-        let (ahead, left) = (AHEAD.map(|side| side * h), LEFT.map(|side| side * w));
+        let (ahead, left) = (
+            part.wheels.map(|wheel| wheel.x()),
+            part.wheels.map(|wheel| wheel.y()),
+        );
         Self {
             robot: part.robot,
             x: Four::from_fn(|wheel| x + cos * ahead[wheel] - sin * left[wheel]),
             y: Four::from_fn(|wheel| y + sin * ahead[wheel] + cos * left[wheel]),
             sin,
             cos,
-            radius: geometry.wheel_radius() * (1.0 - contact.settling),
+            radius: Four(part.wheels.map(|wheel| wheel.radius())) * (1.0 - contact.settling),
             per_creep: 1.0 / contact.creep,
             damping: contact.roller_damping,
             load: Four::ZERO,
-            rollers: Rollers::new(contact, geometry),
+            rollers: Rollers::new(contact, &part.wheels),
             torques: Four::ZERO,
             inertia: contact.wheel_inertia,
         }
