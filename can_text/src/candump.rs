@@ -2,7 +2,8 @@
 //!
 //! `canplayer`, `log2asc`, cantools and Wireshark read this form. An identifier of eight digits is
 //! an extended one (or, with bit 29 set, an error frame); `##` begins the flags of CAN FD, `#R` a
-//! remote frame; a last word `R` or `T` is the direction. Source: lib.c and candump.c of can-utils.
+//! remote frame; `_9` to `_F` behind the data is a DLC above 8; a last word `R` or `T` is the
+//! direction. Source: lib.c and candump.c of can-utils.
 
 use core::fmt::{self, Write};
 
@@ -60,7 +61,7 @@ pub enum Line<'a> {
         /// The frame.
         frame: Frame,
     },
-    /// A frame that the bus does not carry: extended, remote, error, CAN FD.
+    /// A frame that the bus does not carry: extended, remote, error, CAN FD, or with a DLC above 8.
     Foreign {
         /// When it ended, ns.
         at_ns: u64,
@@ -92,7 +93,12 @@ fn whole(line: &str) -> Option<Line<'_>> {
     }
     let foreign = Line::Foreign { at_ns, interface };
     let is_hex = |text: &str| text.bytes().all(|byte| hex::digit(byte).is_some());
-    let digits = data.trim_start_matches(['#', 'R']);
+    let digits = match data.split_once('_') {
+        Some((digits, dlc)) if matches!(dlc.as_bytes(), [b'9' | b'A'..=b'F']) => digits,
+        Some(_) => return None,
+        None => data,
+    };
+    let digits = digits.trim_start_matches(['#', 'R']);
     match id.len() {
         8 if is_hex(id) && is_hex(digits) => Some(foreign),
         3 if is_hex(id) && is_hex(digits) && digits.len() != data.len() => Some(foreign),

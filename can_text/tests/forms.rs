@@ -326,7 +326,17 @@ mod candump_form {
 
     #[test]
     fn what_is_no_data_frame_with_a_base_identifier_is_foreign() {
-        for text in ["12345678#00", "181#R", "181#R8", "181##100", "00000181#"] {
+        for text in [
+            "12345678#00",
+            "181#R",
+            "181#R8",
+            "181##100",
+            "00000181#",
+            // A DLC of 9 to 15, which candump writes behind the data.
+            "181#0001020304050607_9",
+            "00000181#0001020304050607_E",
+            "181#R8_F",
+        ] {
             let line = format!("(1.000001) vcan1 {text} R");
             let foreign = Line::Foreign {
                 at_ns: 1_000_001_000,
@@ -349,6 +359,8 @@ mod candump_form {
             "(1.000000) can0 080#0",
             "(1.000000) can0 080#000000000000000000",
             "(1.000000) can0 08#00",
+            "(1.000000) can0 080#00_8",
+            "(1.000000) can0 080#00_",
             "(1.000000) can0 080#00 X",
             "(1.000000) can0 080#00 R R",
             "(99999999999999999999.000000) can0 080#",

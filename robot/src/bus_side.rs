@@ -370,8 +370,12 @@ impl BusSide {
                 }
                 canopen::Event::NmtChanged { from, to } => {
                     self.robot.on_nmt(now, from, to, self.device.node());
-                    if from == NmtState::Initialising && self.robot.can.passive {
-                        self.announce_passive(now);
+                    if from == NmtState::Initialising {
+                        // What the device has announced already it does not announce twice.
+                        self.robot.repeat_announcements();
+                        if self.robot.can.passive {
+                            self.announce_passive(now);
+                        }
                     }
                 }
                 canopen::Event::SyncGap { .. } => {

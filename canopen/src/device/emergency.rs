@@ -3,10 +3,16 @@
 //! An error is identified by its code and the first byte of its data (for an RPDO error, the number
 //! of the RPDO). It is announced once when it appears and once when it has gone. Messages wait
 //! while the device is STOPPED or the inhibit time runs; if too many wait, the oldest are dropped.
+//!
+//! Limit: of more errors than `ACTIVE` the newest takes the place of the one before it, which is
+//! then neither in 0x1001 nor declared over.
+
+use core::num::NonZeroU16;
 
 use heapless::Deque;
 
 use super::Core;
+use super::heartbeat::MAX_CONSUMERS;
 use super::objects::Value;
 use crate::bytes::{low_u8, low_u16};
 use crate::emergency::{EMERGENCY, Emergency, ErrorClass};
@@ -14,9 +20,12 @@ use crate::time::Timer;
 use crate::{AbortCode, Config, Event, Frame, Micros, NmtState, NodeId};
 
 use super::pdo::{OFF, is_restricted};
+use super::rpdo::MAX_RPDO;
 
-/// Largest number of distinct errors that can be present at the same time.
-const ACTIVE: usize = 8;
+/// Largest number of distinct errors that can be present at the same time: all that the device
+/// itself can find (every node it monitors is lost, every RPDO is too short and late, SYNC is lost
+/// and of two wrong lengths, the transmit queue has overflowed), and some of the application's.
+const ACTIVE: usize = MAX_CONSUMERS + 2 * MAX_RPDO + 4 + 11;
 /// Entries of the error history, object 0x1003.
 const HISTORY: usize = 8;
 /// Messages that can wait.
@@ -25,10 +34,13 @@ const WAITING: usize = 8;
 /// An error that is present.
 #[derive(Clone, Copy, PartialEq, Eq)]
 struct Active {
-    code: u16,
+    code: NonZeroU16,
     detail: u8,
     class: u8,
 }
+
+/// One is four bytes, used or not.
+const _: () = assert!(size_of::<Option<Active>>() == 4);
 
 pub(super) struct Emergencies {
     /// 0x1014.
@@ -159,7 +171,7 @@ impl<'a> Errors<'a> {
 
     /// An error has appeared: sends an emergency message with this code and sets the bit of its
     /// class in 0x1001, until [`clear`](Self::clear). Errors with the same code and the same first
-    /// byte of `info` are the same error and announced once.
+    /// byte of `info` are the same error and announced once. Code 0 is no error and does nothing.
     pub fn raise(&mut self, code: u16, class: ErrorClass, info: [u8; 5]) {
         self.core.raise(self.now, code, class, info);
     }
@@ -174,20 +186,24 @@ impl Core {
     /// An error has appeared. If it is present already, nothing happens.
     pub(super) fn raise(&mut self, now: Micros, code: u16, class: ErrorClass, info: [u8; 5]) {
         let [detail, ..] = info;
-        let class = class as u8;
-        let error = Active {
-            code,
-            detail,
-            class,
+        let Some(number) = NonZeroU16::new(code) else {
+            return;
         };
+        let error = Some(Active {
+            code: number,
+            detail,
+            class: class as u8,
+        });
         let errors = &mut self.emergencies;
-        if errors.active.contains(&Some(error)) {
+        if errors.active.contains(&error) {
             return;
         }
-        if let Some(free) = errors.active.iter_mut().find(|place| place.is_none()) {
-            *free = Some(error);
+        // Kept in any case: otherwise what comes with every frame would be announced every time.
+        let free = errors.active.iter().position(Option::is_none);
+        if let Some(place) = errors.active.get_mut(free.unwrap_or(ACTIVE - 1)) {
+            *place = error;
         }
-        let register = errors.register() | class | ErrorClass::Generic as u8;
+        let register = errors.register();
         errors.announce(code, register, info);
         errors.remember(code, info);
         self.poll_emergencies(now);
@@ -204,7 +220,7 @@ impl Core {
     pub(super) fn clear(&mut self, now: Micros, code: u16, detail: u8) {
         let errors = &mut self.emergencies;
         let is_it = |place: &&mut Option<Active>| {
-            place.is_some_and(|error| error.code == code && error.detail == detail)
+            place.is_some_and(|error| error.code.get() == code && error.detail == detail)
         };
         let Some(place) = errors.active.iter_mut().find(is_it) else {
             return;

@@ -41,6 +41,10 @@ impl Consumer {
         Self { entry, ..Self::OFF }
     }
 
+    pub fn of(node: NodeId, millis: u16) -> Self {
+        Self::new(u32::from(node.get()) << 16 | u32::from(millis))
+    }
+
     pub const fn node(&self) -> Option<NodeId> {
         let [_, _, node, _] = self.entry.to_le_bytes();
         NodeId::new(node)
@@ -60,7 +64,7 @@ impl Heartbeat {
     pub fn new(config: &Config) -> Self {
         let mut consumers = [Consumer::OFF; MAX_CONSUMERS];
         for (consumer, (node, millis)) in consumers.iter_mut().zip(config.consumers) {
-            *consumer = Consumer::new(u32::from(node.get()) << 16 | u32::from(*millis));
+            *consumer = Consumer::of(*node, *millis);
         }
         Self {
             period_ms: config.heartbeat_ms,

@@ -269,7 +269,11 @@ impl Core {
                     2 => tpdo.transmission = transmission(value)?,
                     3 | 6 if tpdo.is_on() => return Err(AbortCode::DeviceState),
                     3 => tpdo.inhibit_100us = low_u16(value),
-                    6 => tpdo.sync_start = low_u8(value),
+                    6 => match value {
+                        // Higher than any counter (CiA 301, 7.5.2.37).
+                        241.. => return Err(AbortCode::ValueTooHigh),
+                        _ => tpdo.sync_start = low_u8(value),
+                    },
                     _ => tpdo.event_ms = low_u16(value),
                 }
                 if self.state == NmtState::Operational {

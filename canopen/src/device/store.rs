@@ -1,16 +1,26 @@
 //! Saving and restoring parameters: objects 0x1010 and 0x1011.
 //!
 //! The image of the communication objects is a sequence of writes: index, sub-index, length, value.
-//! It holds only what differs from the configuration, so identifiers that depend on the node-ID
-//! keep following it; loading it is writing it, with all the checks of a write.
+//! It holds only what differs from the configuration; loading it is writing it, with all the checks
+//! of a write.
+//!
+//! The COB-ID of a PDO or of the emergency message has four bytes where a client has given it an
+//! identifier of its own. Where it has the default one, it has one byte, bits 24 to 31 of the
+//! entry, and the rest is the default of the node that loads it: the identifier follows the
+//! node-ID, although the PDO has been changed. Images without this form, of earlier versions, have
+//! four bytes everywhere and pin the identifier of the node that saved them.
 
-use super::Core;
+use super::heartbeat::Consumer;
 use super::objects::Value;
 use super::pdo::{self, Map};
-use crate::{AbortCode, Application, Micros, StoreProgress, StoreScope};
+use super::{Core, PdoIndex, emergency};
+use crate::{AbortCode, Application, Micros, PdoConfig, StoreProgress, StoreScope};
 
 /// Bytes of the longest image.
 const IMAGE: usize = 512;
+
+/// What an image keeps of a COB-ID with the default identifier.
+const FLAGS: u32 = 0xFF << 24;
 
 const SAVE: u32 = u32::from_le_bytes(*b"save");
 const LOAD: u32 = u32::from_le_bytes(*b"load");
@@ -37,6 +47,20 @@ impl Image {
             self.push(byte)?;
         }
         Ok(())
+    }
+
+    /// Adds an identifier: as it is, or that it is the default one.
+    fn add_cob_id(
+        &mut self,
+        index: u16,
+        sub: u8,
+        cob_id: u32,
+        default: u32,
+    ) -> Result<(), AbortCode> {
+        match (cob_id ^ default) & !FLAGS {
+            0 => self.add(index, sub, cob_id >> 24, 1),
+            _ => self.add(index, sub, cob_id, 4),
+        }
     }
 }
 
@@ -99,23 +123,43 @@ impl Core {
             // What a later version of the software refuses stays at its default. Only the
             // communication objects are taken from here.
             if matches!(index, 0x1000..=0x100F | 0x1012..=0x1FFF) {
+                let cob_id = self.own_cob_id(index, sub, value).map(u32::to_le_bytes);
+                let value = cob_id.as_ref().map_or(value, |cob_id| cob_id.as_slice());
                 let _ = self.write(now, index, sub, value, app);
             }
             rest = behind;
         }
     }
 
+    /// The COB-ID that one byte of an image stands for: the default of this node with these flags.
+    fn own_cob_id(&self, index: u16, sub: u8, value: &[u8]) -> Option<u32> {
+        let &[flags] = value else {
+            return None;
+        };
+        let of = |pdos: &[PdoConfig], at: u16| {
+            let config = pdos.get(usize::from(at))?;
+            Some(pdo::default_cob_id(config, self.node))
+        };
+        let default = match (PdoIndex::of(index), index, sub) {
+            (Some(PdoIndex::Receive(at)), _, 1) => of(self.config.rpdos, at)?,
+            (Some(PdoIndex::Transmit(at)), _, 1) => of(self.config.tpdos, at)?,
+            (_, 0x1014, 0) => emergency::default_cob_id(self.node),
+            _ => return None,
+        };
+        Some(default & !FLAGS | u32::from(flags) << 24)
+    }
+
     /// Adds every object that is not as configured.
     fn collect(&self, image: &mut Image) -> Result<(), AbortCode> {
         let config = &self.config;
-        let emergency = super::emergency::default_cob_id(self.node);
-        if self.emergencies.cob_id != emergency {
+        let default = emergency::default_cob_id(self.node);
+        if self.emergencies.cob_id != default {
             // It cannot be changed while the service is on.
-            image.add(0x1014, 0, pdo::OFF, 4)?;
+            image.add_cob_id(0x1014, 0, default | pdo::OFF, default)?;
+            image.add_cob_id(0x1014, 0, self.emergencies.cob_id, default)?;
         }
         for (index, sub, default) in [
             (0x1007, 0, config.sync_window_us),
-            (0x1014, 0, emergency),
             (0x1015, 0, u32::from(config.emergency_inhibit_100us)),
             (0x1017, 0, u32::from(config.heartbeat_ms)),
             (0x1029, 1, u32::from(config.error_behaviour)),
@@ -123,12 +167,19 @@ impl Core {
         ] {
             self.add(image, index, sub, default)?;
         }
-        let mut consumers = config.consumers.iter();
-        for sub in 1..=17 {
-            let default = consumers.next().map_or(0, |(node, millis)| {
-                u32::from(node.get()) << 16 | u32::from(*millis)
-            });
-            self.add(image, 0x1016, sub, default)?;
+        let defaults = config.consumers.iter();
+        let defaults = defaults.map(|(node, millis)| Consumer::of(*node, *millis).entry);
+        let entries = self.heartbeat.consumers.iter().map(|one| one.entry);
+        let pairs = entries.zip(defaults.chain(core::iter::repeat(0)));
+        let differ = |(_, (entry, default)): &(u8, (u32, u32))| entry != default;
+        let changed = (1..).zip(pairs).filter(differ);
+        // All are emptied before any is filled: a node is refused as long as it is also in its old
+        // place.
+        for (sub, _) in changed.clone().filter(|(_, (_, default))| *default != 0) {
+            image.add(0x1016, sub, 0, 4)?;
+        }
+        for (sub, (entry, _)) in changed.filter(|(_, (entry, _))| *entry != 0) {
+            image.add(0x1016, sub, entry, 4)?;
         }
         if self.sync.overflow != config.sync_overflow {
             // It can be changed only while the period is 0.
@@ -186,7 +237,7 @@ impl Core {
         parameters: &[(u8, u32)],
     ) -> Result<(), AbortCode> {
         let start = image.len;
-        image.add(index, 1, default | pdo::OFF, 4)?;
+        image.add_cob_id(index, 1, default | pdo::OFF, default)?;
         let before = image.len;
         if !map.is_default {
             let index = index | 0x200;
@@ -204,6 +255,6 @@ impl Core {
             image.len = start;
             return Ok(());
         }
-        image.add(index, 1, cob_id, 4)
+        image.add_cob_id(index, 1, cob_id, default)
     }
 }

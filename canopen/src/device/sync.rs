@@ -18,6 +18,10 @@ pub(super) const SYNC: u32 = 0x80;
 /// Bit 30 of 0x1005: the device produces SYNC.
 const PRODUCER: u32 = 1 << 30;
 
+/// Bit 31 of 0x1005 has no meaning and reads 0 here (CiA 301, 7.5.2.5: "do not care"), so devices
+/// that differ in nothing else have the same value.
+const MEANINGLESS: u32 = 1 << 31;
+
 /// No frame has this identifier.
 const NONE: u16 = u16::MAX;
 
@@ -204,6 +208,7 @@ impl Core {
         let sync = &mut self.sync;
         match index {
             0x1005 => {
+                let value = value & !MEANINGLESS;
                 let id = value & !PRODUCER;
                 let moves = id != sync.cob_id & !PRODUCER;
                 if id > 0x7FF || is_restricted(low_u16(id)) || (moves && sync.is_producer()) {

@@ -114,7 +114,7 @@ impl Sink for Received {
 
 /// Application objects: 0x2000 u16 setpoint, 0x2001 u32 in 0..=1000 and not while operational,
 /// 0x2002 u16 measurement, 0x2003 twelve bytes, read-only, 0x2004 u8 write-only, 0x2005 any bytes,
-/// 0x2006:1 a sink.
+/// 0x2006:1 a sink, and 0x2006:2 the same with two bytes that can be read.
 #[derive(Default)]
 pub(super) struct Objects {
     pub setpoint: u16,
@@ -154,6 +154,7 @@ impl Application for Objects {
             (0x2004, 0) => Err(AbortCode::WriteOnly),
             (0x2005, 0) => bytes::put(out, &self.long),
             (0x2006, 1) => Err(AbortCode::WriteOnly),
+            (0x2006, 2) => bytes::put(out, &[0xAA, 0xBB]),
             (0x2000..=0x2005, _) => Err(AbortCode::NoSubIndex),
             _ => Err(AbortCode::NoObject),
         }
@@ -218,7 +219,7 @@ impl Application for Objects {
     }
 
     fn sink(&mut self, index: u16, sub: u8) -> Option<&mut dyn Sink> {
-        ((index, sub) == (0x2006, 1)).then_some(&mut self.received as &mut dyn Sink)
+        matches!((index, sub), (0x2006, 1 | 2)).then_some(&mut self.received as &mut dyn Sink)
     }
 
     fn reset(&mut self, scope: ResetScope) {

@@ -64,6 +64,10 @@ fn head<W: Write>(out: &mut W) -> Result {
     writeln!(out, "[Comments]\nLines=0\n")
 }
 
+/// Objects whose sub-indices have all the same meaning and the same type: the program download of
+/// CiA 302-3.
+const ARRAYS: [u16; 4] = [0x1F50, 0x1F51, 0x1F56, 0x1F57];
+
 fn manufacturer(out: &mut impl Write, index: u16, name: &str) -> Result {
     let members = OBJECTS
         .iter()
@@ -76,7 +80,8 @@ fn manufacturer(out: &mut impl Write, index: u16, name: &str) -> Result {
     if highest > 0 {
         writeln!(
             out,
-            "[{index:04X}]\nParameterName={name}\nObjectType=0x9\nSubNumber={}\n",
+            "[{index:04X}]\nParameterName={name}\nObjectType=0x{}\nSubNumber={}\n",
+            if ARRAYS.contains(&index) { 8 } else { 9 },
             u16::from(highest) + 1
         )?;
         writeln!(

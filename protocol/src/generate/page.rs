@@ -55,14 +55,33 @@ one, wrapping; what repeats or lies behind is not followed and does not reset th
 
 The yaw rate of MeasuredTwist is that of the wheels on every robot, because members compare it; the
 heading of Pose is that of the gyro where one is used. Only robots with a gyro send YawRate; on
-others bit 31 of 0x1804:1 switches it off.
+others bit 31 of 0x1804:1 switches it off. Remote frames are not answered; bit 30 of a PDO's
+identifier reads as it was written.
 ";
 
 const FAULTS: &str = "\
 A fault is latched: the robot comes to rest, by *ramp* along the direction of motion or by *cut*
 (drivers off and brake engaged in the same tick), and stays so until an NMT start finds the cause
 gone. Each appearance is announced by an emergency message with this number as error code, and its
-end by one with error code 0.
+end by one with error code 0. What is present at an NMT reset is announced again after the boot-up.
+";
+
+const OTHER_EMERGENCIES: &str = "\
+These are announced in the same way, but are no faults of the robot that sends them. Where the code
+is that of a fault, other members stop all the same, whatever byte 3 says. What the robot itself does
+without a heartbeat of 0x1016 is written in 0x1029:1. The message that says that an error is over has
+its code in bytes 3 and 4, and in byte 5 what byte 3 was.
+
+| code | byte 3 | meaning |
+|---|---|---|
+| 0x8110 | 0 | Frames could not be sent. |
+| 0x8120 | 0 | The CAN controller is error passive. |
+| 0x8130 | node | The heartbeat of a node in 0x1016 is overdue. |
+| 0x8140 | 0 | The robot is back on the bus after bus-off; this one is not declared over. |
+| 0x8210 | RPDO | A PDO with fewer bytes (byte 4) than are mapped (byte 5) was not taken. |
+| 0x8240 | length | A SYNC had a counter and 0x1019 is 0, or it had none and 0x1019 is not. |
+| 0x8250 | RPDO | A PDO is overdue by 0x1400:5 or 0x1401:5. |
+| 0x8700 | 0 | SYNC is overdue by 0x1006. |
 ";
 
 const OBJECT_NOTES: &str = "\
@@ -129,8 +148,9 @@ A robot without tables reads a set without rows, version 0.
 ## Resets
 
 Reset communication (NMT) sets the communication objects to their saved values; reset node
-also those of the application, and 0x2100 and 0x2101 to 0. Neither changes what the robot measures:
-pose (0x2112), counters and histories go on. A robot that moves ramps down with its group.
+also those of the application, 0x2051:4 to :8 to their defaults, and 0x2059, 0x2100 and 0x2101 to 0.
+Neither changes what the robot measures: pose (0x2112), counters and histories go on, and so do the
+results of an identification. A robot that moves ramps down with its group.
 
 ## Node number
 
@@ -156,6 +176,12 @@ A save (0x1010) is taken with outputs off and not while OPERATIONAL. As a rule t
 milliseconds; when a sector has to be erased, after up to 2 s, in which the robot sends nothing. If
 power is lost before the answer, the next start finds the old set or the new one, whole, and says so
 by fault 0xFF15.
+
+Of the communication objects those are saved that differ from their defaults, four bytes and the
+value each. A PDO that has been changed takes ten bytes for its identifier, three more if that is not
+the default one, and ten and eight for each entry if it is mapped anew. All together may have 512
+bytes, fewer where most parameters have been written; otherwise the save is refused with 0x08000020
+and nothing is stored. A default identifier is saved as such: it follows the node number.
 ";
 
 const STORED_FAULTS: &str = "\
@@ -358,7 +384,7 @@ ends when its cause does.\n\n| code | name | meaning |\n|---|---|---|"
             fault.text().trim_start()
         )?;
     }
-    writeln!(out)
+    writeln!(out, "\n## Other emergency messages\n\n{OTHER_EMERGENCIES}")
 }
 
 fn objects<W: Write>(out: &mut W) -> Result {

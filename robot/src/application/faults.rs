@@ -110,6 +110,11 @@ impl Application {
         self.emit(Event::Fault(fault));
     }
 
+    /// The device has forgotten its errors in an NMT reset: what is still present is due once more.
+    pub fn repeat_announcements(&mut self) {
+        self.announcements.appeared |= self.announcements.present;
+    }
+
     /// Whether there is something to announce.
     #[inline]
     pub const fn has_news(&self) -> bool {

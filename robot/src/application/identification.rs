@@ -38,6 +38,13 @@ const RUNNING: u8 = 1;
 const DONE: u8 = 2;
 
 impl Identification {
+    /// What may be asked for is as after power-on; the results stay.
+    pub fn reset(&mut self) {
+        let new = Self::new();
+        self.bounds = new.bounds;
+        (self.bandwidth, self.damping) = (new.bandwidth, new.damping);
+    }
+
     pub const fn new() -> Self {
         Self {
             is_running: false,

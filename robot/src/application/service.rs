@@ -3,6 +3,7 @@
 use canopen::{
     AbortCode, Errors, Frame, NmtState, NodeId, PdoDirection, ReceivedSync, ResetScope, Sink,
 };
+use control::time::Micros;
 use protocol::address::{LOCK_CHALLENGE, PROGRAM_DATA};
 use protocol::{Access, Address, Kind, MASTER, table::highest_sub};
 
@@ -170,6 +171,8 @@ impl canopen::Application for Application {
             // What is measured is not reset: a reset does not move the robot. The sequence that
             // it followed last stays barred.
             (self.group_twist, self.alone.twist) = (Received::default(), Received::default());
+            self.identification.reset();
+            self.blinks_until = Micros::ZERO;
         }
     }
 }

@@ -16,6 +16,7 @@ mod parted;
 mod plan;
 mod ranges;
 mod reaction;
+mod resets;
 mod safety;
 mod saturation;
 mod start;

@@ -14,9 +14,13 @@ const DEVICE_STATE: [u8; 4] = 0x0800_0022_u32.to_le_bytes();
 const HARDWARE: [u8; 4] = 0x0606_0000_u32.to_le_bytes();
 
 fn robot(stored: Stored<'_>) -> BusSide {
+    robot_with(2, stored)
+}
+
+fn robot_with(node: u8, stored: Stored<'_>) -> BusSide {
     let identity = Identity {
         storage: true,
-        ..Identity::new(NodeId::new(2).unwrap(), 1)
+        ..Identity::new(NodeId::new(node).unwrap(), 1)
     };
     let mut bus = BusSide::new(identity);
     bus.load(Micros(1), Box::leak(Box::new([0; IMAGE_MAX])), stored);
@@ -99,6 +103,29 @@ fn saving_one_part_keeps_the_other() {
     assert_eq!(half_track(&mut bus), 0.4);
     let heartbeat = request(&mut bus, [0x40, 0x17, 0x10, 0, 0, 0, 0, 0]);
     assert_eq!(answer(&heartbeat)[4..6], [200, 0]);
+}
+
+/// A transmission type is saved at node 2, and the switches say 9 at the next start.
+#[test]
+fn a_saved_pdo_takes_the_identifier_of_the_present_node() {
+    let mut bus = robot(Stored::Nothing);
+    let frames = request(&mut bus, [0x2F, 0x01, 0x18, 2, 3, 0, 0, 0]);
+    assert_eq!(answer(&frames)[0], 0x60);
+    store(&mut bus, 0x10, 2, b"save");
+    let image = bus.image_to_store().unwrap().to_vec();
+    for node in [2, 9] {
+        let mut bus = robot_with(node, Stored::Image(&image));
+        let mut read = |sub| {
+            let request = [0x40, 0x01, 0x18, sub, 0, 0, 0, 0];
+            let frame = Frame::new(cob::sdo_request(node), &request).unwrap();
+            bus.on_frame(Micros(10), &frame);
+            let mut frames = core::iter::from_fn(|| bus.pop_frame());
+            let answer = frames.find(|frame| frame.id() == cob::sdo_response(node));
+            u32::from_le_bytes(answer.unwrap().data()[4..].try_into().unwrap())
+        };
+        assert_eq!(read(2), 3);
+        assert_eq!(read(1), 0x280 + u32::from(node));
+    }
 }
 
 #[test]

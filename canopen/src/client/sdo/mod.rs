@@ -291,6 +291,8 @@ impl<'v> SdoClient<'v> {
     }
 
     /// Whether a frame answers another request, one that was given up before the device answered.
+    /// The answer to a segment (0 and 1) does not say of which object it is; it is never the answer
+    /// to the start of a transfer.
     fn is_stale(&self, answer: [u8; 8]) -> bool {
         let [command, low, high, sub, ..] = answer;
         let starts = matches!(
@@ -298,7 +300,11 @@ impl<'v> SdoClient<'v> {
             State::Upload | State::Download | State::BlockUpload | State::BlockDownload
         );
         let same = u16::from_le_bytes([low, high]) == self.index && sub == self.sub;
-        starts && !same && matches!(command >> 5, 2 | 3 | 5 | 6)
+        match command >> 5 {
+            0 | 1 => starts,
+            2 | 3 | 5 | 6 => starts && !same,
+            _ => false,
+        }
     }
 
     /// Takes an answer of the device.
@@ -500,6 +506,38 @@ mod tests {
             Some(Outcome::Uploaded)
         );
         assert_eq!(client.data(), &[7]);
+    }
+
+    /// A device that has answered a segment too late answers the next request all the same.
+    #[test]
+    fn a_late_segment_is_passed_over_at_the_start_of_a_transfer() {
+        // The segment's bytes may even look like the object.
+        let late = [
+            [0x00, 0x01, 0x20, 3, 4, 5, 6, 7],
+            [0x11, 1, 2, 3, 4, 5, 6, 7],
+            [0x20, 0, 0, 0, 0, 0, 0, 0],
+            [0x30, 0, 0, 0, 0, 0, 0, 0],
+        ];
+        let starts: [fn(&mut SdoClient) -> Result<(), Busy>; 4] = [
+            |client| client.upload(Micros(0), 0x2001, 3),
+            |client| client.upload_block(Micros(0), 0x2001, 3),
+            |client| client.download(Micros(0), 0x2001, 3, &[7]),
+            |client| client.download_block(Micros(0), 0x2001, 3, &[7]),
+        ];
+        for start in starts {
+            let mut client = client();
+            start(&mut client).unwrap();
+            for bytes in late {
+                let frame = Frame::of(0x585, bytes);
+                assert_eq!(
+                    client.on_frame(Micros(50_000), &frame),
+                    None,
+                    "{bytes:02X?}"
+                );
+            }
+            assert!(!client.is_idle());
+            assert_eq!(client.next_deadline(), Some(Micros(100_000)));
+        }
     }
 
     #[test]

@@ -67,6 +67,8 @@ impl Server {
                 Err(_) => 4,
             },
         };
+        // What has been read to know its length is no part of what is written.
+        self.len = 0;
         let value = value.get(..len).unwrap_or(&value);
         if self.begin_stream(u32::try_from(len).ok(), access)? {
             self.stream(value, access)?;

@@ -257,3 +257,69 @@ fn what_is_not_expected_any_more_is_not_missed_any_more() {
     assert_eq!(codes(bench.frames()), [0, 0, 0]);
     assert_eq!(bench.device.error_register(), 0);
 }
+
+/// The master and sixteen peers fall silent, and nothing else is forgotten for it.
+#[test]
+fn seventeen_lost_nodes_are_seventeen_errors_that_are_announced_once_each() {
+    let mut bench = Bench::booted(QUIET);
+    bench.write(0x1029, 1, &[1]).unwrap();
+    let nodes = || (1..=17u8).map(|node| if node == 5 { 18 } else { node });
+    for (sub, node) in (1..).zip(nodes()) {
+        bench.write(0x1016, sub, &[100, 0, node, 0]).unwrap();
+    }
+    let now = bench.now;
+    let mut errors = bench.device.errors(now);
+    errors.raise(0x3210, ErrorClass::Voltage, NONE);
+    bench.frames();
+    let heartbeat = |bench: &mut Bench, node: u8| bench.receive(0x700 + u16::from(node), [5]);
+    for node in nodes() {
+        heartbeat(&mut bench, node);
+    }
+    let told = |bench: &mut Bench| {
+        bench.pass(50);
+        let emergencies = bench.frames().into_iter();
+        let emergencies = emergencies.filter_map(|frame| Emergency::parse(&frame));
+        emergencies
+            .map(|(_, it)| (it.code, it.info))
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(told(&mut bench), []);
+    bench.pass(49);
+    let mut lost = Vec::new();
+    for _ in 0..4 {
+        lost.extend(told(&mut bench));
+    }
+    let expected: Vec<_> = nodes().map(|node| (0x8130, [node, 0, 0, 0, 0])).collect();
+    assert_eq!(lost, expected);
+    // All are remembered: an error more is told once, although it comes with every frame.
+    bench.receive(0, [1, 0]);
+    for _ in 0..3 {
+        bench.receive(0x181, [1]);
+    }
+    assert_eq!(told(&mut bench), [(0x8210, [1, 1, 2, 0, 0])]);
+    for node in nodes() {
+        heartbeat(&mut bench, node);
+        assert_eq!(told(&mut bench), [(0, [0x30, 0x81, node, 0, 0])]);
+        bench
+            .write(0x1016, if node == 18 { 5 } else { node }, &[0; 4])
+            .unwrap();
+    }
+    assert_eq!(bench.device.error_register(), 0x15);
+}
+
+#[test]
+fn an_error_that_there_is_no_room_for_is_announced_once_too() {
+    let mut bench = Bench::booted(QUIET);
+    let now = bench.now;
+    let mut raise = |code| {
+        let mut errors = bench.device.errors(now);
+        errors.raise(code, ErrorClass::Voltage, NONE);
+        bench.frames().len()
+    };
+    for code in 0x3000..0x3100 {
+        assert_eq!(raise(code), 1);
+    }
+    assert_eq!(raise(0x30FF), 0);
+    assert_eq!(raise(0x3000), 0);
+    assert_eq!(bench.device.error_register(), 0x05);
+}

@@ -305,6 +305,26 @@ fn sync_follows_its_identifier() {
     assert_eq!(bench.app.syncs.len(), 1);
 }
 
+/// CiA 301, 7.5.2.5: "do not care".
+#[test]
+fn bit_31_of_the_sync_identifier_means_nothing() {
+    let mut bench = Bench::booted(CONFIG);
+    bench.write(0x1005, 0, &[0x90, 0, 0, 0x80]).unwrap();
+    assert_eq!(bench.read(0x1005, 0), Ok(std::vec![0x90, 0, 0, 0]));
+    bench.receive(0x90, []);
+    assert_eq!(bench.app.syncs.len(), 1);
+    bench.write(0x1006, 0, &10_000u32.to_le_bytes()).unwrap();
+    bench.write(0x1005, 0, &[0x90, 0, 0, 0xC0]).unwrap();
+    bench.pass(10);
+    assert!(bench.frames().contains(&Frame::of(0x90, [])));
+    // With it or without it, the identifier of a producer stays.
+    assert_eq!(bench.write(0x1005, 0, &[0x90, 0, 0, 0x40]), Ok(()));
+    assert_eq!(
+        bench.write(0x1005, 0, &[0x80, 0, 0, 0xC0]),
+        Err(0x0609_0030)
+    );
+}
+
 #[test]
 fn a_producer_sends_sync_and_takes_its_own() {
     let mut bench = Bench::booted(Config {

@@ -331,6 +331,11 @@ fn a_start_value_puts_tpdos_of_several_nodes_in_step() {
     let mut bench = Bench::booted(CONFIG);
     bench.write(0x1800, 1, &[0x85, 1, 0, 0x80]).unwrap();
     bench.write(0x1800, 2, &[2]).unwrap();
+    // The counter of a SYNC is 240 at most.
+    assert_eq!(bench.write(0x1800, 6, &[241]), Err(0x0609_0031));
+    assert_eq!(bench.write(0x1800, 6, &[255]), Err(0x0609_0031));
+    assert_eq!(bench.read(0x1800, 6), Ok(std::vec![0]));
+    bench.write(0x1800, 6, &[240]).unwrap();
     bench.write(0x1800, 6, &[5]).unwrap();
     bench.write(0x1800, 1, &[0x85, 1, 0, 0]).unwrap();
     bench.receive(0, [1, 0]);

@@ -16,7 +16,12 @@ fn bench() -> Bench {
 
 /// Switches the device off and on again; what is in memory stays.
 fn power_cycle(bench: &Bench) -> Bench {
-    let mut next = Bench::cold(CONFIG);
+    power_cycle_as(bench, CONFIG)
+}
+
+/// The same, with another configuration: its node-ID has been changed meanwhile.
+fn power_cycle_as(bench: &Bench, config: Config) -> Bench {
+    let mut next = Bench::cold(config);
     next.app.memory = bench.app.memory.clone();
     next.poll();
     next.frames();
@@ -123,6 +128,119 @@ fn every_communication_object_survives_a_power_cycle_and_load_brings_the_default
             let read = again.read(*index, *sub);
             assert_eq!(read.as_ref(), Ok(default), "{index:#x}:{sub}");
         }
+    }
+}
+
+/// An identifier of the device as node 9.
+fn read_as_nine(bench: &mut Bench, index: u16, sub: u8) -> u32 {
+    let mut value = [0; 4];
+    let len = bench.device.read(index, sub, &mut value, &bench.app);
+    assert_eq!(len, Ok(4), "{index:#x}:{sub}");
+    u32::from_le_bytes(value)
+}
+
+const NINE: Config = Config {
+    node: NodeId::new(9),
+    ..CONFIG
+};
+
+/// CiA 301, 7.3.5: the pre-defined identifiers are those of the node-ID.
+#[test]
+fn default_identifiers_follow_the_node_whatever_else_of_a_pdo_is_saved() {
+    const OFF: u32 = 1 << 31;
+    const NO_RTR: u32 = 1 << 30;
+    // What is written to 0x1800:1 at node 5, and what node 9 has then.
+    for (as_five, as_nine) in [
+        (0x185, 0x189),
+        (0x185 | OFF, 0x189 | OFF),
+        (0x185 | NO_RTR, 0x189 | NO_RTR),
+        (0x191, 0x191),
+        (0x191 | OFF, 0x191 | OFF),
+    ] {
+        let mut bench = bench();
+        bench
+            .write(0x1800, 1, &(0x185 | OFF).to_le_bytes())
+            .unwrap();
+        bench.write(0x1800, 2, &[7]).unwrap();
+        bench.write(0x1800, 1, &as_five.to_le_bytes()).unwrap();
+        bench.write(0x1401, 5, &[7, 0]).unwrap();
+        bench.write(0x1010, 2, b"save").unwrap();
+        let mut same = power_cycle(&bench);
+        assert_eq!(
+            same.read(0x1800, 1).as_deref(),
+            Ok(&as_five.to_le_bytes()[..])
+        );
+        let mut nine = power_cycle_as(&bench, NINE);
+        assert_eq!(read_as_nine(&mut nine, 0x1800, 1), as_nine);
+        assert_eq!(read_as_nine(&mut nine, 0x1401, 1), 0x209);
+        let mut transmission = [0];
+        nine.device
+            .read(0x1800, 2, &mut transmission, &nine.app)
+            .unwrap();
+        assert_eq!(transmission, [7]);
+        nine.app.measured = 0x1234;
+        nine.receive(0, [1, 0]);
+        for _ in 0..7 {
+            nine.receive(0x80, []);
+        }
+        let sent = nine
+            .frames()
+            .iter()
+            .any(|frame| frame.id() == as_nine as u16);
+        assert_eq!(sent, as_nine & OFF == 0, "{as_nine:#x}");
+    }
+}
+
+#[test]
+fn the_identifier_of_emergencies_follows_the_node_unless_it_has_been_moved() {
+    for (as_five, as_nine) in [(0x8000_0085_u32, 0x8000_0089), (0x90, 0x90)] {
+        let mut bench = bench();
+        bench.write(0x1014, 0, &[0x85, 0, 0, 0x80]).unwrap();
+        bench.write(0x1014, 0, &as_five.to_le_bytes()).unwrap();
+        bench.write(0x1010, 2, b"save").unwrap();
+        let mut nine = power_cycle_as(&bench, NINE);
+        assert_eq!(read_as_nine(&mut nine, 0x1014, 0), as_nine);
+    }
+}
+
+/// What earlier versions have stored of node 5: the PDO off, type 7, on again, four bytes each.
+#[test]
+fn an_image_with_whole_identifiers_is_loaded_as_it_says() {
+    let mut bench = bench();
+    bench.app.memory.image = [
+        &[0x00, 0x18, 1, 4, 0x85, 0x01, 0, 0x80][..],
+        &[0x00, 0x18, 2, 1, 7],
+        &[0x00, 0x18, 1, 4, 0x85, 0x01, 0, 0],
+    ]
+    .concat();
+    let mut same = power_cycle(&bench);
+    assert_eq!(same.read(0x1800, 1), Ok(std::vec![0x85, 1, 0, 0]));
+    assert_eq!(same.read(0x1800, 2), Ok(std::vec![7]));
+}
+
+#[test]
+fn heartbeat_consumers_that_have_changed_places_are_loaded() {
+    const TWO: Config = Config {
+        consumers: &[(NodeId::MIN, 250), (NODE_NINE, 300)],
+        ..CONFIG
+    };
+    const NODE_NINE: NodeId = match NodeId::new(9) {
+        Some(node) => node,
+        None => NodeId::MIN,
+    };
+    let swapped: [&[u8]; 3] = [&[0x2C, 1, 9, 0], &[0, 0, 0, 0], &[250, 0, 1, 0]];
+    let mut bench = Bench::booted(TWO);
+    bench.app.memory.progress = Some(StoreProgress::Done);
+    for sub in 1..=2 {
+        bench.write(0x1016, sub, &[0; 4]).unwrap();
+    }
+    for (sub, entry) in (1..).zip(swapped) {
+        bench.write(0x1016, sub, entry).unwrap();
+    }
+    bench.write(0x1010, 2, b"save").unwrap();
+    let mut again = power_cycle_as(&bench, TWO);
+    for (sub, entry) in (1..).zip(swapped) {
+        assert_eq!(again.read(0x1016, sub).as_deref(), Ok(entry), "{sub}");
     }
 }
 

@@ -192,3 +192,15 @@ fn a_second_client_does_not_disturb_a_stream() {
     assert_eq!(bench.app.received.bytes, [1, 2, 3, 4, 5, 6, 7, 8, 9]);
     assert_eq!(bench.app.received.begun.len(), 1);
 }
+
+/// Without a size in the request the value is as long as the object; what the object held is no
+/// part of it.
+#[test]
+fn an_expedited_value_without_a_size_reaches_the_sink_alone() {
+    for (sub, expected) in [(1, &[1, 2, 3, 4][..]), (2, &[1, 2])] {
+        let mut bench = Bench::booted(CONFIG);
+        assert_eq!(bench.sdo([0x22, 0x06, 0x20, sub, 1, 2, 3, 4])[0], 0x60);
+        assert_eq!(bench.app.received.bytes, expected, "{sub}");
+        assert_eq!(bench.app.received.finished, 1);
+    }
+}
