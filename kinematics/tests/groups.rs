@@ -362,3 +362,69 @@ fn a_swept_wheel_is_the_roller_axle_seen_from_above() {
         assert!((ratio - Rollers::new(8).unwrap().lateral_ratio(sweep)).abs() < 1e-12);
     }
 }
+
+/// What four roundings to `f32`, of 2^-24 each, make of the velocity 70 m from the axis of a turn
+/// with 0.2 rad/s, 14 m/s; m/s.
+const FAR: f64 = 4e-6;
+
+#[test]
+fn a_group_far_from_its_origin_is_as_accurate_as_one_near_it() {
+    let robot = FourWheelGeometry::<f32>::new(0.370, 0.350, 0.1524, 45_f32.to_radians()).unwrap();
+    let platform = Platform::new(&robot.wheels().unwrap()).unwrap();
+    let member = |x, y, heading| {
+        let mount = Mount::new(Pose::new(x, y, heading)).unwrap();
+        Member::new(&platform, &mount, &VelocityCompensation::NONE)
+    };
+    let wide = |twist: Twist<f32>| twist.convert::<f64>();
+    for (x, y) in [(50.0, 0.0), (0.0, -50.0), (-48.0, 48.0), (48.0, 17.0)] {
+        // A member alone is the group.
+        let twist = Twist::new(0.5_f32, -0.3, 0.2);
+        let alone = Group::new(&[member(x, y, 0.3)]).unwrap();
+        close(wide(alone.forward(&[twist])), wide(twist), FAR);
+
+        // Two alike, d ahead of and behind a middle, which measure v and w. Each counts as 1 along
+        // both axes and as l^2 for yaw, l = half track + half wheelbase, so least squares gives
+        // that middle the mean velocity and
+        // Omega = (d (v1 - v2) + l^2 (w1 + w2)) / (2 d^2 + 2 l^2), v being velocity to the left.
+        let (d, l) = (0.625, 0.720);
+        let pair = Group::new(&[member(x + 0.625, y, 0.0), member(x - 0.625, y, 0.0)]).unwrap();
+        let measured = [Twist::new(0.5_f32, -0.3, 0.2), Twist::new(0.9, -0.6, 0.21)];
+        let (x, y) = (f64::from(x), f64::from(y));
+        let at = |twist: Twist<f64>, x: f64, y: f64| {
+            Twist::new(
+                twist.vx - twist.omega * y,
+                twist.vy + twist.omega * x,
+                twist.omega,
+            )
+        };
+        let [one, other] = measured.map(wide);
+        let (one, other) = (at(one, x + d, y), at(other, x - d, y));
+        let omega = (d * (one.vy - other.vy) + l * l * (one.omega + other.omega))
+            / (2.0 * d * d + 2.0 * l * l);
+        let middle = Twist::new((one.vx + other.vx) / 2.0, (one.vy + other.vy) / 2.0, omega);
+        close(wide(pair.forward(&measured)), at(middle, -x, -y), FAR);
+    }
+}
+
+#[test]
+fn wheels_far_from_the_robots_origin_lose_a_rounding_of_their_lever_and_not_its_square() {
+    // 70 m off, J's yaw entries are up to 660, so they are off by 3e-5, which 0.2 rad/s makes 6e-6
+    // rad/s of a rate; and rates of 130 rad/s are rounded by as much. A row back has up to 5 m for
+    // each of four such rates, and 3e-7 m of rounding for 130 rad/s: (12e-6 * 5 + 3e-7 * 130) * 4,
+    // if all had one sign; half of that here.
+    const BOUND: f64 = 2e-4;
+    let robot = FourWheelGeometry::<f32>::new(0.370, 0.350, 0.1524, 45_f32.to_radians()).unwrap();
+    let wheels = robot.wheels().unwrap();
+    let twist = Twist::new(0.5_f32, -0.3, 0.2);
+    for (x, y) in [(50.0, 0.0), (0.0, -50.0), (-50.0, 50.0)] {
+        let moved = wheels.map(|w| {
+            let (x, y) = (w.x() + x, w.y() + y);
+            Wheel::new(x, y, w.mounting_angle(), w.roller_angle(), w.radius()).unwrap()
+        });
+        for weights in [[1.0; 4], [1.0, 0.25, 2.0, 0.5]] {
+            let platform = Platform::weighted(&moved, &weights).unwrap();
+            let back = platform.twist(&platform.rates(twist));
+            close(back.convert(), twist.convert(), BOUND);
+        }
+    }
+}
