@@ -428,3 +428,75 @@ fn wheels_far_from_the_robots_origin_lose_a_rounding_of_their_lever_and_not_its_
         }
     }
 }
+
+/// Sum and folding of angles of a few turns, cosine and chord, in `f32`.
+const RATIO: f64 = 1e-6;
+
+/// Within a roller, between two sweeps: the mean of a cosine.
+fn mean_cosine(from: f64, to: f64) -> f64 {
+    let half = (to - from) / 2.0;
+    let chord = if half == 0.0 { 1.0 } else { half.sin() / half };
+    ((from + to) / 2.0).cos() * chord
+}
+
+#[test]
+fn the_mean_lateral_ratio_of_any_turn_within_a_roller_is_the_mean_of_its_cosine() {
+    let (single, double) = (
+        Rollers::<f32>::new(8).unwrap(),
+        Rollers::<f64>::new(8).unwrap(),
+    );
+    let phase = 0.1_f32;
+    for roller in -3..=3_i16 {
+        for sweep in [-0.35_f32, -0.2, 0.0, 0.15, 0.25] {
+            let from = f32::from(roller) * single.pitch() + sweep - phase;
+            for turn in [1e-7_f32, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 0.1] {
+                let to = from + turn;
+                let [a, b] = [from, to].map(|angle| double.sweep(angle.into(), phase.into()));
+                let want = mean_cosine(a, b);
+                for (from, to) in [(from, to), (to, from)] {
+                    let got = single.mean_lateral_ratio_between(from, to, phase);
+                    assert!((f64::from(got) - want).abs() < RATIO, "{from} {to}: {got}");
+                }
+            }
+        }
+    }
+    // Turns that vanish beside the phase.
+    for turn in [0.0, 1e-300, 1e-17, 1e-16, 1e-12] {
+        let got = double.mean_lateral_ratio_between(0.0, turn, 0.3);
+        assert!(
+            (got - mean_cosine(0.3, 0.3 + turn)).abs() < 1e-15,
+            "{turn}: {got}"
+        );
+    }
+}
+
+#[test]
+fn the_mean_lateral_ratio_across_transitions_is_that_of_the_parts_by_their_length() {
+    let (single, double) = (
+        Rollers::<f32>::new(8).unwrap(),
+        Rollers::<f64>::new(8).unwrap(),
+    );
+    let end = double.pitch() / 2.0;
+    for turn in [1e-5_f32, 1e-4, 1e-3, 1e-2, 0.1, 0.5] {
+        let from = single.pitch() / 2.0 - turn / 3.0;
+        let to = from + turn;
+        let (before, after) = (end - f64::from(from), f64::from(to) - end);
+        let want = (before * mean_cosine(end - before, end)
+            + after * mean_cosine(-end, after - end))
+            / (before + after);
+        let got = single.mean_lateral_ratio_between(from, to, 0.0);
+        assert!(
+            (f64::from(got) - want).abs() < RATIO,
+            "{turn}: {got} for {want}"
+        );
+        // Five whole rollers more.
+        let whole = 5.0 * double.pitch();
+        let more = (want * (before + after) + double.mean_lateral_ratio() * whole)
+            / (before + after + whole);
+        let (from, to) = (f64::from(from), f64::from(to) + whole);
+        for (from, to) in [(from, to), (to, from)] {
+            let got = double.mean_lateral_ratio_between(from, to, 0.0);
+            assert!((got - more).abs() < 1e-13, "{turn}: {got} for {more}");
+        }
+    }
+}
