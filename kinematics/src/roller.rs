@@ -156,8 +156,16 @@ impl<S: Real> Wheel<S> {
     ///
     /// # Errors
     ///
-    /// [`GeometryError`] for a sweep of 90 degrees or more, which no wheel has.
+    /// [`GeometryError::RollerAngle`] for a sweep of 90 degrees or more, which no wheel has: there
+    /// the roller's axle is seen along the direction of rolling. [`GeometryError::NotFinite`] for a
+    /// sweep or an axle distance that is no finite number.
     pub fn swept(&self, sweep: S, axle_distance: S) -> Result<Self, GeometryError> {
+        if !sweep.is_finite() {
+            return Err(GeometryError::NotFinite("sweep"));
+        }
+        if sweep.abs() >= S::frac_pi_2() {
+            return Err(GeometryError::RollerAngle);
+        }
         let (sin, cos) = sweep.sine_cosine();
         let (sin_roller, cos_roller) = self.roller_angle().sine_cosine();
         let seen = (sin_roller * cos).atan2(cos_roller);

@@ -500,3 +500,26 @@ fn the_mean_lateral_ratio_across_transitions_is_that_of_the_parts_by_their_lengt
         }
     }
 }
+
+#[test]
+fn a_sweep_of_a_right_angle_or_more_is_refused() {
+    let wheel = Wheel::new(0.35_f64, 0.37, 0.0, PI / 4.0, 0.15).unwrap();
+    for degrees in [89.9_f64, -89.9] {
+        assert!(wheel.swept(degrees.to_radians(), 0.1).is_ok());
+    }
+    for degrees in [90.0_f64, -90.0, 91.0, 135.0, -180.0, 270.0, 360.0] {
+        let refused = wheel.swept(degrees.to_radians(), 0.1);
+        assert_eq!(refused, Err(GeometryError::RollerAngle), "{degrees}");
+    }
+    for sweep in [f64::NAN, f64::INFINITY] {
+        assert_eq!(
+            wheel.swept(sweep, 0.1),
+            Err(GeometryError::NotFinite("sweep"))
+        );
+    }
+    let single = Wheel::new(0.35_f32, 0.37, 0.0, 0.785, 0.15).unwrap();
+    assert_eq!(
+        single.swept(90_f32.to_radians(), 0.1),
+        Err(GeometryError::RollerAngle)
+    );
+}
