@@ -397,6 +397,22 @@ fn refuses_what_no_wheel_is() {
     assert!(RollerTrack::new(8, 32.0).is_ok());
     assert!(RollerTrack::new(8, f64::NAN).is_err());
     assert!(RollerTrack::new(8, 0.0).is_err());
+    for counts in [f64::INFINITY, f64::NEG_INFINITY, f64::NAN] {
+        assert_eq!(
+            RollerTrack::new(8, counts),
+            Err(GeometryError::NotFinite("counts_per_turn"))
+        );
+    }
+    // A count is 8/2^68 pitches, half a step of 2^-64, and then a quarter, which is none.
+    let most = 2_f64.powi(68);
+    assert!(RollerTrack::new(8, most).is_ok() && RollerTrack::new(8, -most).is_ok());
+    for counts in [2.0 * most, -2.0 * most, 1e30, f64::MAX] {
+        assert_eq!(
+            RollerTrack::new(8, counts),
+            Err(GeometryError::NotPositive("pitches a count")),
+            "{counts}"
+        );
+    }
     let fixed = |half_track: f64, half_wheelbase: f64, radius: f64| {
         let robot = FourWheelGeometry::new(half_track, half_wheelbase, radius, 0.7).unwrap();
         FixedPhaseMember::new(&robot, &Mount::at_origin(), &VelocityCompensation::none())
