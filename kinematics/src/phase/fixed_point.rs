@@ -196,16 +196,16 @@ impl FixedPhaseMember {
     ///
     /// # Errors
     ///
-    /// [`GeometryError::Range`] when steps of a wheel rate would be coarser than 2^-11 rad/s, which
-    /// takes some 2000 rad/s of one wheel for 1 m/s or 1 rad/s of the group; or for a track that is
-    /// out of all proportion to the wheelbase: more than eleven times as wide at 45 degrees, or
-    /// less than a thousandth.
+    /// As [`PhaseMember::new`], and [`GeometryError::Range`] when steps of a wheel rate would be
+    /// coarser than 2^-11 rad/s, which takes some 2000 rad/s of one wheel for 1 m/s or 1 rad/s of
+    /// the group; or for a track that is out of all proportion to the wheelbase: more than eleven
+    /// times as wide at 45 degrees, or less than a thousandth.
     pub fn new<S: Real>(
         geometry: &FourWheelGeometry<S>,
         mount: &Mount<S>,
         compensation: &VelocityCompensation<S>,
     ) -> Result<Self, GeometryError> {
-        let member = PhaseMember::new(geometry, mount, compensation);
+        let member = PhaseMember::new(geometry, mount, compensation)?;
         let half_track = member.half_track();
         if !(S::constant(HALF_TRACK_MIN)..=S::constant(HALF_TRACK_MAX)).contains(&half_track) {
             return Err(GeometryError::Range);
