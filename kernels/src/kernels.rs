@@ -142,7 +142,7 @@ impl Rollers {
         let secant = Secant::for_count(8).ok()?;
         let fixed = FixedPhaseMember::new(geometry, mount, slip).ok()?;
         Some(black_box(Self {
-            single: (PhaseMember::new(geometry, mount, slip), secant),
+            single: (PhaseMember::new(geometry, mount, slip).ok()?, secant),
             fixed: (fixed, FixedSecant::new(&secant).ok()?),
         }))
     }

@@ -125,6 +125,12 @@ impl FixedMember {
     }
 }
 
+/// The largest number below a half. Added to a number it makes truncation round to the nearest,
+/// halves away from zero, for every `f32`: the sum passes the next whole number only if the number
+/// is half a step from it or less. A half itself would round up what is just below it, and from
+/// 2^23 on, where there are whole numbers only, every odd one.
+pub(crate) const BELOW_HALF: f32 = f32::from_bits(0.5_f32.to_bits() - 1);
+
 /// The nearest step; the ends for what lies beyond, zero for a NaN.
 #[expect(
     clippy::cast_possible_truncation,
@@ -133,8 +139,7 @@ impl FixedMember {
 )]
 #[inline]
 fn fixed(value: f32) -> I16F16 {
-    let half = 0.5_f32.copysign(value);
-    I16F16::from_bits((value * STEPS + half) as i32)
+    I16F16::from_bits((value * STEPS + BELOW_HALF.copysign(value)) as i32)
 }
 
 #[expect(
@@ -172,5 +177,35 @@ pub(crate) fn single_rates(rates: WheelRates<I16F16>) -> WheelRates {
         front_right: single(rates.front_right),
         rear_left: single(rates.rear_left),
         rear_right: single(rates.rear_right),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A number of steps with a fraction of one, as far as an `f32` has one: halves away from zero.
+    #[test]
+    fn the_nearest_step_is_the_nearest() {
+        let below_half = f32::from_bits(0.5_f32.to_bits() - 1);
+        for (steps, nearest) in [
+            (below_half, 0),
+            (0.5, 1),
+            (1.499_999_9, 1),
+            (1.5, 2),
+            (4_194_303.5, 4_194_304),
+            (8_388_607.5, 8_388_608),
+            // From 2^23 on there are whole numbers only.
+            (8_388_609.0, 8_388_609),
+            (12_345_679.0, 12_345_679),
+            (16_777_215.0, 16_777_215),
+            (2_147_483_520.0, 2_147_483_520),
+        ] {
+            assert_eq!(fixed(steps / STEPS).to_bits(), nearest, "{steps}");
+            assert_eq!(fixed(-steps / STEPS).to_bits(), -nearest, "-{steps}");
+        }
+        assert_eq!(fixed(f32::INFINITY), I16F16::MAX);
+        assert_eq!(fixed(f32::NEG_INFINITY), I16F16::MIN);
+        assert_eq!(fixed(f32::NAN), I16F16::ZERO);
     }
 }

@@ -9,6 +9,12 @@
 //!
 //! The remaining difference between a member's twist and the group's is slip, or strain in the
 //! connection.
+//!
+//! Information about yaw grows with the square of the distance from where it is counted: 50 m from
+//! the group's origin it is 5000 times what the wheels of a robot know, and an `f32` has no digits
+//! left for these. So the shares are of the twist of the members' own middle, and only differences
+//! of measurements are shifted there and back. In `f32` that leaves the rounding of the velocities
+//! themselves: 4e-6 m/s, 70 m from the axis of a turn with 0.2 rad/s.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -17,25 +23,31 @@ use crate::compensation::VelocityCompensation;
 use crate::error::GroupError;
 use crate::frame::{Pose, Twist};
 use crate::mount::Mount;
-use crate::platform::Platform;
+use crate::platform::{Platform, shift};
 
 /// What a group needs to know of one member.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Member<S: Real = f32> {
     mount: Mount<S>,
+    /// About the member's own origin, along the axes of the group frame.
     information: Matrix3<S>,
 }
 
 impl<S: Real> Member<S> {
     /// From the member's wheels (with their weights), mount and compensation.
+    ///
+    /// In `f32` the wheels should stand within a few metres of the robot's own origin; the mount
+    /// may be as far from the group's as it is.
     #[must_use]
     pub fn new<const N: usize>(
         platform: &Platform<N, S>,
         mount: &Mount<S>,
         compensation: &VelocityCompensation<S>,
     ) -> Self {
-        let [x, y, w] = mount.matrix();
-        let k = Matrix3::from_rows(&[x.into(), y.into(), w.into()]);
+        // K without its lever.
+        let [[xx, xy, _], [yx, yy, _], _] = mount.matrix();
+        let (zero, one) = (S::ZERO, S::ONE);
+        let k = Matrix3::new(xx, xy, zero, yx, yy, zero, zero, zero, one);
         let c = Matrix3::from_diagonal(&Vector3::new(
             compensation.longitudinal(),
             compensation.lateral(),
@@ -79,7 +91,9 @@ pub struct Disagreement<S = f32> {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Group<const M: usize, S: Real = f32> {
     mounts: [Mount<S>; M],
-    /// What each member's measurement counts; they sum to the unit matrix.
+    /// The members' middle, by how much they know of translation, m, group frame.
+    middle: (S, S),
+    /// What each member's measurement of the middle's twist counts; they sum to the unit matrix.
     shares: [Matrix3<S>; M],
 }
 
@@ -89,32 +103,57 @@ impl<const M: usize, S: Real> Group<M, S> {
     /// # Errors
     ///
     /// [`GroupError::Empty`] without members; [`GroupError::Undetermined`] when their information
-    /// cannot be inverted, which happens only when dimensions are absurd.
+    /// cannot be inverted or is no number, which happens only when dimensions are absurd.
     pub fn new(members: &[Member<S>; M]) -> Result<Self, GroupError> {
         if M == 0 {
             return Err(GroupError::Empty);
         }
-        let total = members
+        let (mut x, mut y, mut sum) = (S::ZERO, S::ZERO, S::ZERO);
+        for member in members {
+            let pose = member.mount.pose();
+            let weight = member.information.m11 + member.information.m22;
+            x += weight * pose.x;
+            y += weight * pose.y;
+            sum += weight;
+        }
+        let middle = (x / sum, y / sum);
+        let about_middle = members.map(|member| {
+            let pose = member.mount.pose();
+            let to_member = shift(pose.x - middle.0, pose.y - middle.1);
+            to_member.transpose() * member.information * to_member
+        });
+        let total = about_middle
             .iter()
-            .fold(Matrix3::zeros(), |sum, member| sum + member.information);
-        let inverse = total.try_inverse().ok_or(GroupError::Undetermined)?;
+            .fold(Matrix3::zeros(), |sum, information| sum + information);
+        let inverse = total
+            .try_inverse()
+            .filter(|inverse| inverse.iter().all(|entry| entry.is_finite()))
+            .ok_or(GroupError::Undetermined)?;
         Ok(Self {
             mounts: members.map(|member| member.mount),
-            shares: members.map(|member| inverse * member.information),
+            middle,
+            shares: about_middle.map(|information| inverse * information),
         })
     }
 
     /// The group's twist from what each member measures of it, all in the group frame.
     #[must_use]
     pub fn forward(&self, measured: &[Twist<S>; M]) -> Twist<S> {
+        let Some(first) = measured.first() else {
+            return Twist::default();
+        };
+        let (x, y) = self.middle;
+        let (there, back) = (shift(x, y), shift(-x, -y));
         let sum = self
             .shares
             .iter()
             .zip(measured)
             .fold(Vector3::zeros(), |sum, (share, twist)| {
-                sum + share * Vector3::new(twist.vx, twist.vy, twist.omega)
+                let more = *twist - *first;
+                sum + share * (there * Vector3::new(more.vx, more.vy, more.omega))
             });
-        Twist::new(sum.x, sum.y, sum.z)
+        let sum = back * sum;
+        *first + Twist::new(sum.x, sum.y, sum.z)
     }
 
     /// How each member moves against the group, in the member's own frame.

@@ -40,7 +40,7 @@ use crate::phase::{FixedPhaseMember, PhaseMember};
 /// let secant = Secant::new(Some(&Rollers::new(8)?));
 /// let angles = [0, 1 << 28, 1 << 29, 1 << 30].map(RollerAngle::from_bits);
 /// let secants = angles.map(|angle| secant.at(angle));
-/// assert!(error(&PhaseMember::new(&robot, &mount, &slip).at(secants), twist) < 1e-6);
+/// assert!(error(&PhaseMember::new(&robot, &mount, &slip)?.at(secants), twist) < 1e-6);
 /// # Ok::<(), mecanum_kinematics::GeometryError>(())
 /// ```
 pub trait Kinematics {

@@ -6,7 +6,7 @@
 //! arrangement of the wheels determines whether that inverse exists and is well conditioned; if
 //! not, the constructor returns an error that names the cause.
 
-use nalgebra::{Matrix3, SMatrix};
+use nalgebra::{Matrix3, RowVector3, SMatrix};
 
 use crate::arithmetic::Real;
 use crate::error::GeometryError;
@@ -84,22 +84,36 @@ impl<const N: usize, S: Real> Platform<N, S> {
             sum / total
         };
         let (middle_x, middle_y) = (middle(Wheel::x), middle(Wheel::y));
+        // The inverse is found about that middle and shifted to the origin. About an origin that is
+        // far from the wheels, yaw is the small difference of entries that have the square of the
+        // distance.
+        let mut central = SMatrix::<S, N, 3>::zeros();
         let mut lever = S::ZERO;
-        let rows = jacobian.row_iter_mut().zip(weighted.row_iter_mut());
-        for ((mut row, mut weighted_row), (wheel, weight)) in rows.zip(wheels.iter().zip(weights)) {
+        let rows = jacobian.row_iter_mut().zip(central.row_iter_mut());
+        let rows = rows.zip(weighted.row_iter_mut());
+        for (((mut row, mut central_row), mut weighted_row), (wheel, weight)) in
+            rows.zip(wheels.iter().zip(weights))
+        {
             let [x, y, w] = wheel.jacobian_row();
-            let entries = nalgebra::RowVector3::new(x, y, w);
-            row.copy_from(&entries);
-            weighted_row.copy_from(&(entries * *weight));
+            row.copy_from(&RowVector3::new(x, y, w));
             let (dx, dy) = (wheel.x() - middle_x, wheel.y() - middle_y);
+            let entries = RowVector3::new(x, y, dx * y - dy * x);
+            central_row.copy_from(&entries);
+            weighted_row.copy_from(&(entries * *weight));
             lever += *weight * (x * x + y * y) * (dx * dx + dy * dy);
         }
-        let information = weighted.transpose() * jacobian;
-        let inverse = invert(&information, lever)? * weighted.transpose();
+        let about_middle = weighted.transpose() * central;
+        let mut inverse = invert(&about_middle, lever)? * weighted.transpose();
+        for mut column in inverse.column_iter_mut() {
+            let omega = column.z;
+            column.x += omega * middle_y;
+            column.y -= omega * middle_x;
+        }
+        let to_middle = shift(middle_x, middle_y);
         Ok(Self {
             jacobian,
             inverse,
-            information,
+            information: to_middle.transpose() * about_middle * to_middle,
         })
     }
 
@@ -168,6 +182,12 @@ impl<const N: usize, S: Real> Platform<N, S> {
             .fold(S::ZERO, |sum, error| sum + *error * *error);
         sum.root()
     }
+}
+
+/// Takes the twist of one point to the point that stands (x, y) m from it.
+pub(crate) fn shift<S: Real>(x: S, y: S) -> Matrix3<S> {
+    let (zero, one) = (S::ZERO, S::ONE);
+    Matrix3::new(one, zero, -y, zero, one, x, zero, zero, one)
 }
 
 /// A column vector as an array.

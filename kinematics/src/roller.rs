@@ -10,7 +10,7 @@
 //! This is geometry, not slip: it can be computed from the wheel's angle, by a simulator that
 //! models it or by a controller that corrects it.
 
-use crate::arithmetic::Real;
+use crate::arithmetic::{Real, SMALL_TURN};
 use crate::error::GeometryError;
 use crate::wheel::Wheel;
 
@@ -99,13 +99,32 @@ impl<S: Real> Rollers<S> {
     }
 
     /// The mean lateral ratio between two wheel angles, rad; the ratio itself when they are equal.
+    ///
+    /// Good to 1e-6 in `f32` for angles of a turn or so, however small the turn between them: it is
+    /// the mean over the parts of each roller, by their length, and not the difference of two
+    /// travels.
     #[must_use]
     pub fn mean_lateral_ratio_between(&self, from: S, to: S, phase: S) -> S {
-        let turned = to - from;
-        if turned == S::zero() {
-            return self.lateral_ratio(self.sweep(from, phase));
+        let (from, to) = if to < from { (to, from) } else { (from, to) };
+        let roller = |angle: S| ((angle + phase) / self.pitch).round();
+        let transitions = roller(to) - roller(from);
+        let (start, end) = (self.sweep(from, phase), self.sweep(to, phase));
+        let two = S::constant(2.0);
+        if transitions == S::ZERO {
+            return mean_cosine((start + end) / two, (to - from) / two);
         }
-        self.lateral_travel(turned, from + phase) / turned
+        let edge = self.pitch / two;
+        // Rounding may have put a sweep a little beyond its roller's end.
+        let before = (edge - start).max(S::ZERO);
+        let after = (end + edge).max(S::ZERO);
+        let whole = (transitions - S::ONE) * self.pitch;
+        let length = before + after + whole;
+        if length == S::ZERO {
+            return self.least_lateral_ratio();
+        }
+        let first = mean_cosine(edge - before / two, before / two);
+        let last = mean_cosine(after / two - edge, after / two);
+        (first * before + last * after + self.mean_lateral_ratio() * whole) / length
     }
 
     /// By how much the lateral ratio at this sweep is above its mean, relative: what a ripple
@@ -114,6 +133,18 @@ impl<S: Real> Rollers<S> {
     pub fn ripple(&self, sweep: S) -> S {
         self.lateral_ratio(sweep) / self.mean_lateral_ratio() - S::ONE
     }
+}
+
+/// Mean of the cosine from `half` before the middle to `half` after it.
+fn mean_cosine<S: Real>(middle: S, half: S) -> S {
+    let (_, cos) = middle.sine_cosine();
+    let chord = if half < S::constant(SMALL_TURN) {
+        half.small_chord().along
+    } else {
+        let (sin, _) = half.sine_cosine();
+        sin / half
+    };
+    cos * chord
 }
 
 impl<S: Real> Wheel<S> {
@@ -125,8 +156,16 @@ impl<S: Real> Wheel<S> {
     ///
     /// # Errors
     ///
-    /// [`GeometryError`] for a sweep of 90 degrees or more, which no wheel has.
+    /// [`GeometryError::RollerAngle`] for a sweep of 90 degrees or more, which no wheel has: there
+    /// the roller's axle is seen along the direction of rolling. [`GeometryError::NotFinite`] for a
+    /// sweep or an axle distance that is no finite number.
     pub fn swept(&self, sweep: S, axle_distance: S) -> Result<Self, GeometryError> {
+        if !sweep.is_finite() {
+            return Err(GeometryError::NotFinite("sweep"));
+        }
+        if sweep.abs() >= S::frac_pi_2() {
+            return Err(GeometryError::RollerAngle);
+        }
         let (sin, cos) = sweep.sine_cosine();
         let (sin_roller, cos_roller) = self.roller_angle().sine_cosine();
         let seen = (sin_roller * cos).atan2(cos_roller);

@@ -90,6 +90,55 @@ fn desaturate_keeps_the_direction() {
     );
 }
 
+/// Not by a unit in the last place either: a controller compares with the limit it gave.
+#[test]
+fn desaturate_leaves_no_rate_above_the_limit() {
+    // xorshift64*, for values in 0 to 1.
+    let mut state = 0x9E37_79B9_7F4A_7C15_u64;
+    let mut next = || {
+        state ^= state >> 12;
+        state ^= state << 25;
+        state ^= state >> 27;
+        let bits = state.wrapping_mul(0x2545_F491_4F6C_DD1D) >> 11;
+        bits as f64 / 9_007_199_254_740_992.0
+    };
+    for _ in 0..20_000 {
+        let rates = [(); 4].map(|()| 200.0 * next() - 100.0);
+        let limit = 1.0 + 59.0 * next();
+        let single = rates.map(|rate| rate as f32);
+        let (limited, scale) = desaturate(WheelRates::from(single), limit as f32);
+        for (got, asked) in <[f32; 4]>::from(limited).into_iter().zip(single) {
+            assert!(got.abs() <= limit as f32, "{got} above {limit}");
+            assert!((got - asked * scale).abs() <= f32::EPSILON * got.abs());
+        }
+        let (limited, scale) = desaturate(WheelRates::from(rates), limit);
+        for (got, asked) in <[f64; 4]>::from(limited).into_iter().zip(rates) {
+            assert!(got.abs() <= limit, "{got} above {limit}");
+            assert!((got - asked * scale).abs() <= f64::EPSILON * got.abs());
+        }
+        let fastest = rates
+            .iter()
+            .fold(0.0_f64, |most, rate| most.max(rate.abs()));
+        if fastest > limit {
+            // The division's rounding and a unit in the last place.
+            assert!((scale * fastest / limit - 1.0).abs() < 4.0 * f64::EPSILON);
+        }
+    }
+    // Rates whose sum is no number are numbers.
+    let (limited, scale) = desaturate(WheelRates::from([1e308_f64, -1e308, 0.5e308, 0.0]), 1.0);
+    assert!((scale * 1e308 - 1.0).abs() < 1e-15);
+    for (got, want) in <[f64; 4]>::from(limited)
+        .into_iter()
+        .zip([1.0, -1.0, 0.5, 0.0_f64])
+    {
+        assert!((got - want).abs() < 1e-15 && got.abs() <= 1.0, "{got}");
+    }
+    for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+        let stopped = desaturate(WheelRates::from([1.0, bad, 1.0, 1.0]), 5.0);
+        assert_eq!(stopped, (WheelRates::from([0.0; 4]), 0.0));
+    }
+}
+
 #[test]
 fn desaturate_stops_on_what_makes_no_sense() {
     let rates = WheelRates::from([10.0, -20.0, 5.0, 0.0]);

@@ -362,3 +362,164 @@ fn a_swept_wheel_is_the_roller_axle_seen_from_above() {
         assert!((ratio - Rollers::new(8).unwrap().lateral_ratio(sweep)).abs() < 1e-12);
     }
 }
+
+/// What four roundings to `f32`, of 2^-24 each, make of the velocity 70 m from the axis of a turn
+/// with 0.2 rad/s, 14 m/s; m/s.
+const FAR: f64 = 4e-6;
+
+#[test]
+fn a_group_far_from_its_origin_is_as_accurate_as_one_near_it() {
+    let robot = FourWheelGeometry::<f32>::new(0.370, 0.350, 0.1524, 45_f32.to_radians()).unwrap();
+    let platform = Platform::new(&robot.wheels().unwrap()).unwrap();
+    let member = |x, y, heading| {
+        let mount = Mount::new(Pose::new(x, y, heading)).unwrap();
+        Member::new(&platform, &mount, &VelocityCompensation::NONE)
+    };
+    let wide = |twist: Twist<f32>| twist.convert::<f64>();
+    for (x, y) in [(50.0, 0.0), (0.0, -50.0), (-48.0, 48.0), (48.0, 17.0)] {
+        // A member alone is the group.
+        let twist = Twist::new(0.5_f32, -0.3, 0.2);
+        let alone = Group::new(&[member(x, y, 0.3)]).unwrap();
+        close(wide(alone.forward(&[twist])), wide(twist), FAR);
+
+        // Two alike, d ahead of and behind a middle, which measure v and w. Each counts as 1 along
+        // both axes and as l^2 for yaw, l = half track + half wheelbase, so least squares gives
+        // that middle the mean velocity and
+        // Omega = (d (v1 - v2) + l^2 (w1 + w2)) / (2 d^2 + 2 l^2), v being velocity to the left.
+        let (d, l) = (0.625, 0.720);
+        let pair = Group::new(&[member(x + 0.625, y, 0.0), member(x - 0.625, y, 0.0)]).unwrap();
+        let measured = [Twist::new(0.5_f32, -0.3, 0.2), Twist::new(0.9, -0.6, 0.21)];
+        let (x, y) = (f64::from(x), f64::from(y));
+        let at = |twist: Twist<f64>, x: f64, y: f64| {
+            Twist::new(
+                twist.vx - twist.omega * y,
+                twist.vy + twist.omega * x,
+                twist.omega,
+            )
+        };
+        let [one, other] = measured.map(wide);
+        let (one, other) = (at(one, x + d, y), at(other, x - d, y));
+        let omega = (d * (one.vy - other.vy) + l * l * (one.omega + other.omega))
+            / (2.0 * d * d + 2.0 * l * l);
+        let middle = Twist::new((one.vx + other.vx) / 2.0, (one.vy + other.vy) / 2.0, omega);
+        close(wide(pair.forward(&measured)), at(middle, -x, -y), FAR);
+    }
+}
+
+#[test]
+fn wheels_far_from_the_robots_origin_lose_a_rounding_of_their_lever_and_not_its_square() {
+    // 70 m off, J's yaw entries are up to 660, so they are off by 3e-5, which 0.2 rad/s makes 6e-6
+    // rad/s of a rate; and rates of 130 rad/s are rounded by as much. A row back has up to 5 m for
+    // each of four such rates, and 3e-7 m of rounding for 130 rad/s: (12e-6 * 5 + 3e-7 * 130) * 4,
+    // if all had one sign; half of that here.
+    const BOUND: f64 = 2e-4;
+    let robot = FourWheelGeometry::<f32>::new(0.370, 0.350, 0.1524, 45_f32.to_radians()).unwrap();
+    let wheels = robot.wheels().unwrap();
+    let twist = Twist::new(0.5_f32, -0.3, 0.2);
+    for (x, y) in [(50.0, 0.0), (0.0, -50.0), (-50.0, 50.0)] {
+        let moved = wheels.map(|w| {
+            let (x, y) = (w.x() + x, w.y() + y);
+            Wheel::new(x, y, w.mounting_angle(), w.roller_angle(), w.radius()).unwrap()
+        });
+        for weights in [[1.0; 4], [1.0, 0.25, 2.0, 0.5]] {
+            let platform = Platform::weighted(&moved, &weights).unwrap();
+            let back = platform.twist(&platform.rates(twist));
+            close(back.convert(), twist.convert(), BOUND);
+        }
+    }
+}
+
+/// Sum and folding of angles of a few turns, cosine and chord, in `f32`.
+const RATIO: f64 = 1e-6;
+
+/// Within a roller, between two sweeps: the mean of a cosine.
+fn mean_cosine(from: f64, to: f64) -> f64 {
+    let half = (to - from) / 2.0;
+    let chord = if half == 0.0 { 1.0 } else { half.sin() / half };
+    ((from + to) / 2.0).cos() * chord
+}
+
+#[test]
+fn the_mean_lateral_ratio_of_any_turn_within_a_roller_is_the_mean_of_its_cosine() {
+    let (single, double) = (
+        Rollers::<f32>::new(8).unwrap(),
+        Rollers::<f64>::new(8).unwrap(),
+    );
+    let phase = 0.1_f32;
+    for roller in -3..=3_i16 {
+        for sweep in [-0.35_f32, -0.2, 0.0, 0.15, 0.25] {
+            let from = f32::from(roller) * single.pitch() + sweep - phase;
+            for turn in [1e-7_f32, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 0.1] {
+                let to = from + turn;
+                let [a, b] = [from, to].map(|angle| double.sweep(angle.into(), phase.into()));
+                let want = mean_cosine(a, b);
+                for (from, to) in [(from, to), (to, from)] {
+                    let got = single.mean_lateral_ratio_between(from, to, phase);
+                    assert!((f64::from(got) - want).abs() < RATIO, "{from} {to}: {got}");
+                }
+            }
+        }
+    }
+    // Turns that vanish beside the phase.
+    for turn in [0.0, 1e-300, 1e-17, 1e-16, 1e-12] {
+        let got = double.mean_lateral_ratio_between(0.0, turn, 0.3);
+        assert!(
+            (got - mean_cosine(0.3, 0.3 + turn)).abs() < 1e-15,
+            "{turn}: {got}"
+        );
+    }
+}
+
+#[test]
+fn the_mean_lateral_ratio_across_transitions_is_that_of_the_parts_by_their_length() {
+    let (single, double) = (
+        Rollers::<f32>::new(8).unwrap(),
+        Rollers::<f64>::new(8).unwrap(),
+    );
+    let end = double.pitch() / 2.0;
+    for turn in [1e-5_f32, 1e-4, 1e-3, 1e-2, 0.1, 0.5] {
+        let from = single.pitch() / 2.0 - turn / 3.0;
+        let to = from + turn;
+        let (before, after) = (end - f64::from(from), f64::from(to) - end);
+        let want = (before * mean_cosine(end - before, end)
+            + after * mean_cosine(-end, after - end))
+            / (before + after);
+        let got = single.mean_lateral_ratio_between(from, to, 0.0);
+        assert!(
+            (f64::from(got) - want).abs() < RATIO,
+            "{turn}: {got} for {want}"
+        );
+        // Five whole rollers more.
+        let whole = 5.0 * double.pitch();
+        let more = (want * (before + after) + double.mean_lateral_ratio() * whole)
+            / (before + after + whole);
+        let (from, to) = (f64::from(from), f64::from(to) + whole);
+        for (from, to) in [(from, to), (to, from)] {
+            let got = double.mean_lateral_ratio_between(from, to, 0.0);
+            assert!((got - more).abs() < 1e-13, "{turn}: {got} for {more}");
+        }
+    }
+}
+
+#[test]
+fn a_sweep_of_a_right_angle_or_more_is_refused() {
+    let wheel = Wheel::new(0.35_f64, 0.37, 0.0, PI / 4.0, 0.15).unwrap();
+    for degrees in [89.9_f64, -89.9] {
+        assert!(wheel.swept(degrees.to_radians(), 0.1).is_ok());
+    }
+    for degrees in [90.0_f64, -90.0, 91.0, 135.0, -180.0, 270.0, 360.0] {
+        let refused = wheel.swept(degrees.to_radians(), 0.1);
+        assert_eq!(refused, Err(GeometryError::RollerAngle), "{degrees}");
+    }
+    for sweep in [f64::NAN, f64::INFINITY] {
+        assert_eq!(
+            wheel.swept(sweep, 0.1),
+            Err(GeometryError::NotFinite("sweep"))
+        );
+    }
+    let single = Wheel::new(0.35_f32, 0.37, 0.0, 0.785, 0.15).unwrap();
+    assert_eq!(
+        single.swept(90_f32.to_radians(), 0.1),
+        Err(GeometryError::RollerAngle)
+    );
+}

@@ -68,7 +68,7 @@ fn every_model_undoes_its_own_inverse_and_sees_no_slip_in_it() {
         Mount::new(Pose::new(1.2, -0.3, 0.5)).unwrap(),
     ] {
         let single = MemberKinematics::new(&robot, &mount, &slip).unwrap();
-        let by_phase = PhaseMember::new(&robot, &mount, &slip);
+        let by_phase = PhaseMember::new(&robot, &mount, &slip).unwrap();
         let by_phase = by_phase.at(PLACES.map(|at| secant.at(RollerAngle::from_bits(at))));
         let fixed = FixedMember::new(&robot, &mount, &slip).unwrap();
         let fixed_phase = FixedPhaseMember::new(&robot, &mount, &slip).unwrap();

@@ -39,6 +39,28 @@ fn arcs_of_any_size_are_exact() {
     }
 }
 
+/// The chord of an arc of length 1: sin(a)/a along its start and (1 - cos a)/a across, for turns of
+/// either sign on both sides of where the series gives way to sine and cosine.
+#[test]
+fn single_precision_chords_are_as_good_as_documented() {
+    const BOUND: f64 = 3e-7;
+    for step in 1..=70_000_i32 {
+        for sign in [1.0, -1.0] {
+            let turn = (f64::from(step) * 1e-4 * sign) as f32;
+            let mut odometry = Odometry::<f32>::new();
+            odometry.advance(Twist::new(1.0, 0.0, turn));
+            let (end, turn) = (odometry.pose(), f64::from(turn));
+            // 1 - cos a without its cancellation.
+            let half = (turn / 2.0).sin();
+            let off = [
+                f64::from(end.x) - turn.sin() / turn,
+                f64::from(end.y) - 2.0 * half * half / turn,
+            ];
+            assert!(off.iter().all(|off| off.abs() < BOUND), "{turn}: {off:?}");
+        }
+    }
+}
+
 #[test]
 fn single_precision_steps_agree_with_the_arc() {
     // 100 s at 1 kHz, 0.5 m/s: 50 m of arc of 1.25 m radius.

@@ -114,7 +114,7 @@ proptest! {
         let robot = robot(angle);
         let platform = PhasePlatform::new(&robot.wheels().unwrap()).unwrap();
         let (mount, c) = (mount(1.2, -0.4, 0.3), compensation());
-        let member = PhaseMember::new(&robot, &mount, &c);
+        let member = PhaseMember::new(&robot, &mount, &c).unwrap();
         let expected = platform.rates(c.apply(mount.to_member(twist)), &secants);
         let rates: [f64; 4] = member.inverse(twist, &secants).into();
         for (rate, expected) in rates.iter().zip(expected) {
@@ -124,7 +124,8 @@ proptest! {
 
     #[test]
     fn forward_undoes_inverse(twist in twists(), secants in secants()) {
-        let member = PhaseMember::new(&robot(45.0), &mount(1.2, -0.4, 0.3), &compensation());
+        let (mount, c) = (mount(1.2, -0.4, 0.3), compensation());
+        let member = PhaseMember::new(&robot(45.0), &mount, &c).unwrap();
         let rates = member.inverse(twist, &secants);
         let (back, residual) = member.measure(&rates, &secants);
         prop_assert!(close(back, twist, ROUNDING), "{back:?}");
@@ -142,7 +143,7 @@ proptest! {
     ) {
         let (robot, mount, c) = (robot(40.0), mount(-0.3, 0.8, 1.1), compensation());
         let constant = MemberKinematics::new(&robot, &mount, &c).unwrap();
-        let phase = PhaseMember::new(&robot, &mount, &c);
+        let phase = PhaseMember::new(&robot, &mount, &c).unwrap();
         let none = Secant::<f64>::for_count(0).unwrap();
         let ones = [none.at(RollerAngle::from_bits(123)); 4];
         prop_assert_eq!(ones, [1.0; 4]);
@@ -164,7 +165,8 @@ proptest! {
     #[test]
     fn variance_is_close_to_least_squares(secants in secants()) {
         let robot = robot(45.0);
-        let member = PhaseMember::new(&robot, &Mount::at_origin(), &VelocityCompensation::none());
+        let (mount, none) = (Mount::at_origin(), VelocityCompensation::none());
+        let member = PhaseMember::new(&robot, &mount, &none).unwrap();
         let platform = PhasePlatform::new(&robot.wheels().unwrap()).unwrap();
         let known = secants.map(SecantEstimate::known);
         let best = platform.covariance(&[0.0; 4], &known, 1.0).unwrap();
@@ -266,7 +268,8 @@ fn mean_over_a_passage_is_the_closed_form() {
             &robot(45.0),
             &Mount::at_origin(),
             &VelocityCompensation::none(),
-        );
+        )
+        .unwrap();
         let secant = Secant::new(Some(&rollers));
         let mut odometry = Odometry::<f64>::new();
         const PARTS: u32 = 1000;
@@ -297,7 +300,8 @@ fn a_long_increment_takes_the_mean_ratio() {
         &robot(45.0),
         &Mount::at_origin(),
         &VelocityCompensation::none(),
-    );
+    )
+    .unwrap();
     let (turned, phase) = (0.6, 0.1);
     // All wheels' rollers lean alike at equal distances rolled.
     let ratio = rollers.mean_lateral_ratio_between(0.0, turned, phase);
@@ -397,6 +401,22 @@ fn refuses_what_no_wheel_is() {
     assert!(RollerTrack::new(8, 32.0).is_ok());
     assert!(RollerTrack::new(8, f64::NAN).is_err());
     assert!(RollerTrack::new(8, 0.0).is_err());
+    for counts in [f64::INFINITY, f64::NEG_INFINITY, f64::NAN] {
+        assert_eq!(
+            RollerTrack::new(8, counts),
+            Err(GeometryError::NotFinite("counts_per_turn"))
+        );
+    }
+    // A count is 8/2^68 pitches, half a step of 2^-64, and then a quarter, which is none.
+    let most = 2_f64.powi(68);
+    assert!(RollerTrack::new(8, most).is_ok() && RollerTrack::new(8, -most).is_ok());
+    for counts in [2.0 * most, -2.0 * most, 1e30, f64::MAX] {
+        assert_eq!(
+            RollerTrack::new(8, counts),
+            Err(GeometryError::NotPositive("pitches a count")),
+            "{counts}"
+        );
+    }
     let fixed = |half_track: f64, half_wheelbase: f64, radius: f64| {
         let robot = FourWheelGeometry::new(half_track, half_wheelbase, radius, 0.7).unwrap();
         FixedPhaseMember::new(&robot, &Mount::at_origin(), &VelocityCompensation::none())
@@ -414,12 +434,14 @@ fn single_precision_is_enough() {
         &FourWheelGeometry::new(0.370_f32, 0.350, 0.1524, 45_f32.to_radians()).unwrap(),
         &Mount::IDENTITY,
         &VelocityCompensation::NONE,
-    );
+    )
+    .unwrap();
     let double = PhaseMember::new(
         &robot(45.0),
         &Mount::at_origin(),
         &VelocityCompensation::none(),
-    );
+    )
+    .unwrap();
     let (secant, exact) = (
         Secant::<f32>::for_count(8).unwrap(),
         Secant::<f64>::for_count(8).unwrap(),
@@ -442,4 +464,26 @@ fn single_precision_is_enough() {
         }
     }
     assert!((TAU / 8.0 - Rollers::<f64>::new(8).unwrap().pitch()).abs() < 1e-15);
+}
+
+/// Motion across the rollers' axles is harder than along them by the cotangent of the roller angle:
+/// 115 at half a degree, 95 at 0.6, and the limit is 100.
+#[test]
+fn refuses_the_wheels_that_the_constant_model_refuses() {
+    let (mount, none) = (Mount::at_origin(), VelocityCompensation::none());
+    for (angle, refused) in [(0.5, true), (0.6, false), (89.4, false), (89.5, true)] {
+        let robot = robot(angle);
+        let error = refused.then_some(GeometryError::TranslationPoor);
+        let constant = MemberKinematics::new(&robot, &mount, &none);
+        assert_eq!(constant.err(), error, "{angle}");
+        assert_eq!(
+            PhaseMember::new(&robot, &mount, &none).err(),
+            error,
+            "{angle}"
+        );
+        if refused {
+            let fixed = FixedPhaseMember::new(&robot, &mount, &none);
+            assert_eq!(fixed.err(), error, "{angle}");
+        }
+    }
 }

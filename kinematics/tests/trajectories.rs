@@ -5,7 +5,7 @@ use mecanum_kinematics::trajectory::{
     Acceleration, Circle, FigureEight, Harmonic, Heading, Line, MotionMode, PaperMotion, Ramped,
     Trajectory, step,
 };
-use std::f64::consts::{FRAC_PI_4, PI, TAU};
+use std::f64::consts::{FRAC_PI_3, FRAC_PI_4, PI, TAU};
 
 /// Velocity is the derivative of the pose, acceleration that of the velocity; by central
 /// differences of 20 us.
@@ -114,7 +114,7 @@ fn centripetal_motion_keeps_the_same_side_to_the_centre() {
 }
 
 #[test]
-fn oblique_motions_hold_45_degrees_on_the_same_path() {
+fn oblique_motions_hold_60_degrees_on_the_same_path() {
     for (oblique, plain) in [
         (MotionMode::ObliqueCircle, MotionMode::Circle),
         (MotionMode::ObliqueFigureEight, MotionMode::FigureEight),
@@ -124,7 +124,8 @@ fn oblique_motions_hold_45_degrees_on_the_same_path() {
             let t = f64::from(i);
             let ((a, v), (b, u)) = (oblique.at(t), plain.at(t));
             assert!((a.x, a.y, v) == (b.x, b.y, u));
-            assert!((a.heading - FRAC_PI_4).abs() < 1e-15);
+            // Section 3.2.2: "maintaining a 60 degree angle during translating motion".
+            assert!((a.heading - FRAC_PI_3).abs() < 1e-15);
         }
     }
 }

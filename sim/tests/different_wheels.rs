@@ -1,5 +1,5 @@
-//! A robot whose four wheels differ, as the group file gives them one by one, in the plants that the
-//! simulator has itself: it moves as its own wheels make it.
+//! A robot whose four wheels differ, as the group file gives them one by one, in the plants that
+//! the simulator has itself: it moves as its own wheels make it.
 
 use group::GroupFile;
 use kinematics::{MemberKinematics, Mount, Pose, Twist, VelocityCompensation, Wheel, WheelRates};

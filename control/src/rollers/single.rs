@@ -13,16 +13,8 @@ pub type Secant = kinematics::Secant<f32>;
 /// One of them.
 pub type Value = f32;
 
-#[expect(
-    clippy::unnecessary_wraps,
-    reason = "as in fixed point, where it may not fit"
-)]
 pub fn wheels(geometry: &FourWheelGeometry) -> Result<Wheels, GeometryError> {
-    Ok(Wheels::new(
-        geometry,
-        &Mount::IDENTITY,
-        &VelocityCompensation::NONE,
-    ))
+    Wheels::new(geometry, &Mount::IDENTITY, &VelocityCompensation::NONE)
 }
 
 pub fn secant(rollers: u16) -> Result<Secant, GeometryError> {

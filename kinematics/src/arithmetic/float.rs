@@ -38,21 +38,32 @@ fn limit_single<const N: usize>(values: [f32; N], limit: f32) -> ([f32; N], f32)
     } else if fastest <= most {
         (values, 1.0)
     } else {
-        let scale = limit / f32::from_bits(fastest);
+        let fastest = f32::from_bits(fastest);
+        let scale = limit / fastest;
+        // Rounding may leave the fastest a unit in the last place above the limit; with the next
+        // smaller scale, which is below the exact quotient, it cannot. Others are no faster.
+        let over = (fastest * scale).to_bits() > most;
+        let scale = f32::from_bits(scale.to_bits().wrapping_sub(u32::from(over)));
         (values.map(|v| v * scale), scale)
     }
 }
 
 /// [`Scalar::limit`] for `f64`.
 fn limit_double<const N: usize>(values: [f64; N], limit: f64) -> ([f64; N], f64) {
-    let sum = values.iter().fold(0.0, |sum: f64, v| sum + v.abs());
+    let finite = values.iter().all(|v| v.is_finite());
     let fastest = values.iter().fold(0.0, |most: f64, v| most.max(v.abs()));
-    if !sum.is_finite() || limit.is_nan() || limit < 0.0 {
+    if !finite || limit.is_nan() || limit < 0.0 {
         ([0.0; N], 0.0)
     } else if fastest <= limit {
         (values, 1.0)
     } else {
         let scale = limit / fastest;
+        // As in single precision.
+        let scale = if fastest * scale > limit {
+            scale.next_down()
+        } else {
+            scale
+        };
         (values.map(|v| v * scale), scale)
     }
 }

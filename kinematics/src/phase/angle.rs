@@ -93,18 +93,26 @@ impl RollerTrack {
     ///
     /// # Errors
     ///
-    /// [`GeometryError::NotPositive`] for fewer than three rollers, or for counts of less than four
-    /// a pitch, which could not resolve the angle of a roller.
+    /// [`GeometryError::NotPositive`] for fewer than three rollers; for counts of less than four a
+    /// pitch, which could not resolve the angle of a roller; and for so many that one is less than
+    /// half a step of 2^-64 pitches. [`GeometryError::NotFinite`] for counts that are no finite
+    /// number.
     pub fn new(rollers: u16, counts_per_turn: f64) -> Result<Self, GeometryError> {
         if rollers < 3 {
             return Err(GeometryError::NotPositive("rollers - 2"));
         }
         // Magnitudes in the order of their bits, which takes no double precision.
         let least = f64::from(4 * u32::from(rollers)).to_bits();
-        if counts_per_turn.is_nan() || counts_per_turn.abs().to_bits() < least {
+        if !counts_per_turn.is_finite() {
+            return Err(GeometryError::NotFinite("counts_per_turn"));
+        }
+        if counts_per_turn.abs().to_bits() < least {
             return Err(GeometryError::NotPositive("counts a roller - 3"));
         }
         let steps = steps_per_count(rollers, counts_per_turn);
+        if steps == 0 {
+            return Err(GeometryError::NotPositive("pitches a count"));
+        }
         let per_count = if counts_per_turn.is_sign_negative() {
             -steps
         } else {

@@ -38,7 +38,7 @@ use crate::arithmetic::high_word::{dot, minus_product, plus_product, product};
 use crate::arithmetic::{Real, Scalar, steps};
 use crate::compensation::VelocityCompensation;
 use crate::error::GeometryError;
-use crate::fixed_member::FINE;
+use crate::fixed_member::{BELOW_HALF, FINE};
 use crate::four_wheel::{FourWheelGeometry, WheelRates};
 use crate::frame::Twist;
 use crate::kinematics::AtPhase;
@@ -196,16 +196,16 @@ impl FixedPhaseMember {
     ///
     /// # Errors
     ///
-    /// [`GeometryError::Range`] when steps of a wheel rate would be coarser than 2^-11 rad/s, which
-    /// takes some 2000 rad/s of one wheel for 1 m/s or 1 rad/s of the group; or for a track that is
-    /// out of all proportion to the wheelbase: more than eleven times as wide at 45 degrees, or
-    /// less than a thousandth.
+    /// As [`PhaseMember::new`], and [`GeometryError::Range`] when steps of a wheel rate would be
+    /// coarser than 2^-11 rad/s, which takes some 2000 rad/s of one wheel for 1 m/s or 1 rad/s of
+    /// the group; or for a track that is out of all proportion to the wheelbase: more than eleven
+    /// times as wide at 45 degrees, or less than a thousandth.
     pub fn new<S: Real>(
         geometry: &FourWheelGeometry<S>,
         mount: &Mount<S>,
         compensation: &VelocityCompensation<S>,
     ) -> Result<Self, GeometryError> {
-        let member = PhaseMember::new(geometry, mount, compensation);
+        let member = PhaseMember::new(geometry, mount, compensation)?;
         let half_track = member.half_track();
         if !(S::constant(HALF_TRACK_MIN)..=S::constant(HALF_TRACK_MAX)).contains(&half_track) {
             return Err(GeometryError::Range);
@@ -412,10 +412,10 @@ fn cut(value: f32, steps: f32) -> i32 {
     (value * steps) as i32
 }
 
-/// The nearest step.
+/// The nearest step, halves away from zero; the ends for what lies beyond, zero for a NaN.
 #[inline]
 fn nearest(value: f32, steps: f32) -> i32 {
-    cut(value * steps + 0.5_f32.copysign(value), 1.0)
+    cut(value * steps + BELOW_HALF.copysign(value), 1.0)
 }
 
 #[expect(
@@ -443,6 +443,23 @@ const fn reciprocal(determinant: i32) -> i32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Halves away from zero, and whole numbers as they are: from 2^23 on there are no others.
+    #[test]
+    fn the_nearest_step_is_the_nearest() {
+        let below_half = f32::from_bits(0.5_f32.to_bits() - 1);
+        for (value, wanted) in [
+            (below_half, 0),
+            (0.5, 1),
+            (1.5, 2),
+            (8_388_607.5, 8_388_608),
+            (8_388_609.0, 8_388_609),
+            (16_777_215.0, 16_777_215),
+        ] {
+            assert_eq!(nearest(value / 1024.0, 1024.0), wanted, "{value}");
+            assert_eq!(nearest(-value / 1024.0, 1024.0), -wanted, "-{value}");
+        }
+    }
 
     /// 2^-26 of itself, and half a step.
     #[test]

@@ -32,10 +32,12 @@
 
 use crate::arithmetic::Real;
 use crate::compensation::VelocityCompensation;
+use crate::error::GeometryError;
 use crate::four_wheel::{FourWheelGeometry, WheelRates};
 use crate::frame::Twist;
 use crate::kinematics::AtPhase;
 use crate::mount::Mount;
+use crate::platform::Platform;
 
 /// Kinematics of one four-wheel robot in its group, compensation and roller phase included.
 ///
@@ -46,7 +48,7 @@ use crate::mount::Mount;
 /// };
 ///
 /// let robot = FourWheelGeometry::new(0.370, 0.350, 0.1524, 45_f32.to_radians())?;
-/// let kinematics = PhaseMember::new(&robot, &Mount::IDENTITY, &VelocityCompensation::NONE);
+/// let kinematics = PhaseMember::new(&robot, &Mount::IDENTITY, &VelocityCompensation::NONE)?;
 /// let secant = Secant::new(Some(&Rollers::new(8)?));
 /// // Each wheel stands elsewhere on its roller.
 /// let angles = [0, 1 << 28, 1 << 29, 1 << 30].map(RollerAngle::from_bits);
@@ -77,12 +79,17 @@ struct Parts<S> {
 
 impl<S: Real> PhaseMember<S> {
     /// Folds geometry, mount and compensation.
-    #[must_use]
+    ///
+    /// # Errors
+    ///
+    /// [`GeometryError`] when the wheels leave a motion uncontrolled or all but uncontrolled, as
+    /// [`MemberKinematics::new`](crate::MemberKinematics::new).
     pub fn new(
         geometry: &FourWheelGeometry<S>,
         mount: &Mount<S>,
         compensation: &VelocityCompensation<S>,
-    ) -> Self {
+    ) -> Result<Self, GeometryError> {
+        Platform::new(&geometry.wheels()?)?;
         let (sin, cos) = geometry.roller_angle().sine_cosine();
         let cot = cos / sin;
         let r = geometry.wheel_radius();
@@ -106,7 +113,7 @@ impl<S: Real> PhaseMember<S> {
         .map(|axis| mount.to_group(compensation.remove(axis)));
         let [p, q, t] = meant;
         let half_track = geometry.half_track() / lever;
-        Self {
+        Ok(Self {
             to_wheels: [
                 [a.vx * sx, b.vx * sx, c.vx * sx],
                 [a.vy * sy, b.vy * sy, c.vy * sy],
@@ -118,7 +125,7 @@ impl<S: Real> PhaseMember<S> {
                 [p.omega, q.omega, t.omega],
             ],
             half_track,
-        }
+        })
     }
 
     /// Rows of X, Y, W and B.

@@ -3,8 +3,14 @@
 //! Table 2 gives the circle (2500 mm, and 1350 mm for the centripetal ones) and the figure-eight.
 //! What it does not give is chosen here: the straight motions at 500 mm/s an axis for 10 s (the
 //! paper's largest set speed), one turn on the spot at pi/6 rad/s, the harmonic curve of the
-//! physical test, and 45 degrees for its "oblique state". "Centripetal" is read as: the heading
-//! turns with the circle, so that the same side always faces the centre.
+//! physical test. "Centripetal" is read as: the heading turns with the circle, so that the same
+//! side always faces the centre.
+//!
+//! The "oblique state" of (h) and (i) is 60 degrees: section 3.2.2 has them "maintaining a 60°
+//! angle during translating motion". From what, and which way round, it does not say. Here it is
+//! the heading, counter-clockwise, so that the robot's lateral axis, the section's "x-direction in
+//! the local coordinate system of the robot", stands at 60 degrees to the paper's x. (c), (l) and
+//! (m) are printed as 45 degrees.
 
 use super::{Acceleration, Circle, FigureEight, Harmonic, Heading, Line, Trajectory, Turn};
 use crate::arithmetic::Real;
@@ -37,9 +43,9 @@ pub enum MotionMode {
     FigureEight,
     /// (g) Along a harmonic curve, heading fixed.
     Harmonic,
-    /// (h) Round a circle with the robot turned by 45 degrees.
+    /// (h) Round a circle with the robot turned left by 60 degrees.
     ObliqueCircle,
-    /// (i) Round a figure-eight with the robot turned by 45 degrees.
+    /// (i) Round a figure-eight with the robot turned left by 60 degrees.
     ObliqueFigureEight,
     /// (j, k) Round a circle, its front always outwards.
     Centripetal,
@@ -74,7 +80,6 @@ impl MotionMode {
                 duration: S::constant(10.0),
             })
         };
-        let oblique = S::frac_pi_4();
         let small = Circle {
             radius: S::constant(1.35),
             frequency: S::pi() / S::constant(5.0),
@@ -103,11 +108,11 @@ impl MotionMode {
                 frequency: S::pi() / S::constant(5.0),
                 periods: S::constant(2.0),
             }),
-            Self::ObliqueCircle => circle(Circle::paper(), oblique, S::ZERO),
-            Self::ObliqueFigureEight => eight(oblique),
+            Self::ObliqueCircle => circle(Circle::paper(), S::frac_pi_3(), S::ZERO),
+            Self::ObliqueFigureEight => eight(S::frac_pi_3()),
             // The circle starts ahead of its centre and goes round clockwise.
             Self::Centripetal => circle(small, S::ZERO, -small.frequency),
-            Self::ObliqueCentripetal => circle(small, oblique, -small.frequency),
+            Self::ObliqueCentripetal => circle(small, S::frac_pi_4(), -small.frequency),
         }
     }
 }

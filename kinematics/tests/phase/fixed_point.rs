@@ -16,7 +16,7 @@ proptest! {
     #[test]
     fn fixed_point_follows(twist in twists(), angles in prop::array::uniform4(any::<i32>())) {
         let (robot, mount, c) = (robot(45.0), mount(1.2, -0.4, 0.3), compensation());
-        let exact = PhaseMember::new(&robot, &mount, &c);
+        let exact = PhaseMember::new(&robot, &mount, &c).unwrap();
         let fixed = FixedPhaseMember::new(&robot, &mount, &c).unwrap();
         let (secants, fixed_secants) = secants_at(angles);
         let rates: [f64; 4] = exact.inverse(twist, &secants).into();
@@ -50,7 +50,7 @@ proptest! {
         let robot =
             FourWheelGeometry::new(half_track, half_wheelbase, radius, angle.to_radians()).unwrap();
         let (mount, c) = (mount(x, y, heading), compensation());
-        let exact = PhaseMember::new(&robot, &mount, &c);
+        let exact = PhaseMember::new(&robot, &mount, &c).unwrap();
         let fixed = FixedPhaseMember::new(&robot, &mount, &c).unwrap();
         let fixed_secant = FixedSecant::new(&Secant::<f64>::for_count(count).unwrap()).unwrap();
         let fixed_secants = angles.map(|a| fixed_secant.at(RollerAngle::from_bits(a)));
@@ -128,7 +128,7 @@ proptest! {
         let there = Twist::new(fast[0] * sign(0), fast[1] * sign(1), fast[2] * sign(2));
         let end = Twist::new(64.0 * sign(0), 64.0 * sign(1), 64.0 * sign(2));
         prop_assert_eq!(fixed.inverse(there, &secants), fixed.inverse(end, &secants));
-        let exact = PhaseMember::new(&robot, &mount, &c);
+        let exact = PhaseMember::new(&robot, &mount, &c).unwrap();
         let known = secants.map(|s| f64::from(s) / f64::from(1 << FixedSecant::FRACTION));
         let want: [f64; 4] = exact.inverse(end.convert(), &known).into();
         let found: [f32; 4] = fixed.inverse(end, &secants).into();
@@ -146,7 +146,7 @@ proptest! {
         angles in prop::array::uniform4(any::<i32>()),
     ) {
         let (robot, mount, c) = (robot(45.0), mount(0.0, 0.0, 0.0), compensation());
-        let exact = PhaseMember::new(&robot, &mount, &c);
+        let exact = PhaseMember::new(&robot, &mount, &c).unwrap();
         let fixed = FixedPhaseMember::new(&robot, &mount, &c).unwrap();
         let (secants, fixed_secants) = secants_at(angles);
         let expected = exact.forward(&WheelRates::from(rates.map(f64::from)), &secants);

@@ -214,12 +214,12 @@ pub const SCENARIOS: &[Scenario] = &{
         motion("harmonic", "motion (g): harmonic curve", Mode::Harmonic),
         motion(
             "oblique-circle",
-            "motion (h): circle, robot turned by 45 degrees",
+            "motion (h): circle, robot turned by 60 degrees",
             Mode::ObliqueCircle,
         ),
         motion(
             "oblique-figure-eight",
-            "motion (i): figure-eight, robot turned by 45 degrees",
+            "motion (i): figure-eight, robot turned by 60 degrees",
             Mode::ObliqueFigureEight,
         ),
         motion(
