@@ -5,8 +5,8 @@
 //! closed form: with the members' places `p_j`, their velocities `v_j` and yaw rates `w_j` in the
 //! group frame and `q_j^2` the mean square of its wheels' distances from its centre,
 //! `w = sum((p_j - c) x v_j + q_j^2 w_j) / sum(|p_j - c|^2 + q_j^2)`, and the centre `c` of the
-//! members moves with their mean velocity. For wheels of a robot that are not around its centre the weights are as if
-//! they were.
+//! members moves with their mean velocity. For wheels of a robot that are not around its centre the
+//! weights are as if they were.
 //!
 //! Strain is measured as a distance: every member's own wheels are also integrated alone, from the
 //! pose it started in, and the shape error is how far that has come from the member's place in the
