@@ -6,15 +6,15 @@
 //!
 //! The COB-ID of a PDO or of the emergency message has four bytes where a client has given it an
 //! identifier of its own. Where it has the default one, it has one byte, bits 24 to 31 of the
-//! entry, and the rest is the default of the node that loads it: the identifier follows the
-//! node-ID, although the PDO has been changed. Images without this form, of earlier versions, have
-//! four bytes everywhere and pin the identifier of the node that saved them.
+//! entry. Loading changes only these, and the rest is the default of the node that loads: the
+//! identifier follows the node-ID, although the PDO has been changed. Images without this form, of
+//! earlier versions, have four bytes everywhere and pin the identifier of the node that saved them.
 
 use super::heartbeat::Consumer;
 use super::objects::Value;
 use super::pdo::{self, Map};
-use super::{Core, PdoIndex, emergency};
-use crate::{AbortCode, Application, Micros, PdoConfig, StoreProgress, StoreScope};
+use super::{Core, emergency};
+use crate::{AbortCode, Application, Micros, StoreProgress, StoreScope};
 
 /// Bytes of the longest image.
 const IMAGE: usize = 512;
@@ -49,7 +49,8 @@ impl Image {
         Ok(())
     }
 
-    /// Adds an identifier: as it is, or that it is the default one.
+    /// Adds an identifier: as it is, or that it is the default one. Inlined, it would cost flash.
+    #[inline(never)]
     fn add_cob_id(
         &mut self,
         index: u16,
@@ -123,30 +124,20 @@ impl Core {
             // What a later version of the software refuses stays at its default. Only the
             // communication objects are taken from here.
             if matches!(index, 0x1000..=0x100F | 0x1012..=0x1FFF) {
-                let cob_id = self.own_cob_id(index, sub, value).map(u32::to_le_bytes);
-                let value = cob_id.as_ref().map_or(value, |cob_id| cob_id.as_slice());
+                let whole;
+                let value = match (value, self.own(index, sub)) {
+                    // A COB-ID, which still has the default identifier.
+                    (&[flags], Some(Ok(Value::Number { value, len: 4, .. }))) => {
+                        let [a, b, c, _] = value.to_le_bytes();
+                        whole = [a, b, c, flags];
+                        whole.as_slice()
+                    }
+                    _ => value,
+                };
                 let _ = self.write(now, index, sub, value, app);
             }
             rest = behind;
         }
-    }
-
-    /// The COB-ID that one byte of an image stands for: the default of this node with these flags.
-    fn own_cob_id(&self, index: u16, sub: u8, value: &[u8]) -> Option<u32> {
-        let &[flags] = value else {
-            return None;
-        };
-        let of = |pdos: &[PdoConfig], at: u16| {
-            let config = pdos.get(usize::from(at))?;
-            Some(pdo::default_cob_id(config, self.node))
-        };
-        let default = match (PdoIndex::of(index), index, sub) {
-            (Some(PdoIndex::Receive(at)), _, 1) => of(self.config.rpdos, at)?,
-            (Some(PdoIndex::Transmit(at)), _, 1) => of(self.config.tpdos, at)?,
-            (_, 0x1014, 0) => emergency::default_cob_id(self.node),
-            _ => return None,
-        };
-        Some(default & !FLAGS | u32::from(flags) << 24)
     }
 
     /// Adds every object that is not as configured.
@@ -167,19 +158,22 @@ impl Core {
         ] {
             self.add(image, index, sub, default)?;
         }
-        let defaults = config.consumers.iter();
-        let defaults = defaults.map(|(node, millis)| Consumer::of(*node, *millis).entry);
-        let entries = self.heartbeat.consumers.iter().map(|one| one.entry);
-        let pairs = entries.zip(defaults.chain(core::iter::repeat(0)));
-        let differ = |(_, (entry, default)): &(u8, (u32, u32))| entry != default;
-        let changed = (1..).zip(pairs).filter(differ);
         // All are emptied before any is filled: a node is refused as long as it is also in its old
         // place.
-        for (sub, _) in changed.clone().filter(|(_, (_, default))| *default != 0) {
-            image.add(0x1016, sub, 0, 4)?;
-        }
-        for (sub, (entry, _)) in changed.filter(|(_, (entry, _))| *entry != 0) {
-            image.add(0x1016, sub, entry, 4)?;
+        for fills in [false, true] {
+            let mut defaults = config.consumers.iter();
+            for (sub, consumer) in (1..).zip(&self.heartbeat.consumers) {
+                let default = defaults.next();
+                let default =
+                    default.map_or(0, |(node, millis)| Consumer::of(*node, *millis).entry);
+                let (from, to) = match fills {
+                    false => (default, 0),
+                    true => (0, consumer.entry),
+                };
+                if consumer.entry != default && from != to {
+                    image.add(0x1016, sub, to, 4)?;
+                }
+            }
         }
         if self.sync.overflow != config.sync_overflow {
             // It can be changed only while the period is 0.

@@ -511,6 +511,7 @@ mod tests {
     /// A device that has answered a segment too late answers the next request all the same.
     #[test]
     fn a_late_segment_is_passed_over_at_the_start_of_a_transfer() {
+        type Start = fn(&mut SdoClient) -> Result<(), Busy>;
         // The segment's bytes may even look like the object.
         let late = [
             [0x00, 0x01, 0x20, 3, 4, 5, 6, 7],
@@ -518,7 +519,7 @@ mod tests {
             [0x20, 0, 0, 0, 0, 0, 0, 0],
             [0x30, 0, 0, 0, 0, 0, 0, 0],
         ];
-        let starts: [fn(&mut SdoClient) -> Result<(), Busy>; 4] = [
+        let starts: [Start; 4] = [
             |client| client.upload(Micros(0), 0x2001, 3),
             |client| client.upload_block(Micros(0), 0x2001, 3),
             |client| client.download(Micros(0), 0x2001, 3, &[7]),
