@@ -67,7 +67,7 @@ pub fn find<L: Link>(
             motion.way.unit()
         );
         let lags: Option<Vec<f64>> = journal.motion(&name, &mut || {
-            attempt(group, &mut started, &mut |group, _| {
+            attempt(group, &mut started, |group, _| {
                 observe(group, bodies, motion, poses)
             })
         })?;

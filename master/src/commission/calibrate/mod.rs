@@ -222,7 +222,7 @@ fn drive<L: Link>(
             motion.way.unit()
         );
         let each = journal.motion(&name, &mut || {
-            attempt(group, &mut started, &mut |group, _| {
+            attempt(group, &mut started, |group, _| {
                 observe(group, bodies, motion, instrument)
             })
         })?;
@@ -243,7 +243,7 @@ fn drive<L: Link>(
 fn attempt<L: Link, T>(
     group: &mut Group<L>,
     started: &mut bool,
-    motion: &mut dyn FnMut(&mut Group<L>, bool) -> Result<T, MasterError>,
+    motion: impl FnOnce(&mut Group<L>, bool) -> Result<T, MasterError>,
 ) -> Result<T, MasterError> {
     let first = !*started;
     if first {

@@ -147,7 +147,7 @@ pub fn record<L: Link>(
     let mut started = false;
     let driven = twists.iter().try_for_each(|twist| {
         let motion = journal.motion("roller phases", &mut || {
-            attempt(group, &mut started, &mut |group, first| {
+            attempt(group, &mut started, |group, first| {
                 if first {
                     source.rest(group)?;
                 }
