@@ -165,10 +165,10 @@ pub enum MasterError {
         /// SYNCs without a status.
         syncs: u32,
     },
-    /// A robot restarted while the group was running.
+    /// A robot restarted while the group was running or being started.
     #[error(
-        "node {node} restarted by itself while the group was moving; the group ramps down. Read \
-         its reset cause (2001:3) and its supply"
+        "node {node} restarted by itself; the group ramps down, and the next start configures it \
+         again. Read its reset cause (2001:3) and its supply"
     )]
     MemberRestarted {
         /// The node.
@@ -271,6 +271,15 @@ pub enum MasterError {
         wheel: &'static str,
         /// What object 0x2114 says of it.
         state: u8,
+    },
+    /// A robot restarted in a calibration that goes by the angles of its rollers.
+    #[error(
+        "node {node} restarted and does not know the angles of its rollers any more; continue with \
+         --resume, which searches for the indexes first"
+    )]
+    RollersLost {
+        /// The robot.
+        node: u8,
     },
     /// A curve asks for more than the group may do.
     #[error(

@@ -45,7 +45,7 @@ const ROWS: usize = 200;
 /// What a pilot can be told.
 #[derive(Clone, Debug)]
 pub enum Order {
-    /// Become the bus's master, configure the robots and start them.
+    /// Become the bus's master, configure the robots where [`Group::start`] does, and start them.
     Start,
     /// Ramp down and leave OPERATIONAL.
     Stop,

@@ -170,7 +170,7 @@ impl<L: Link> Wire<L> {
     ) -> Result<Option<(Micros, Frame)>, MasterError> {
         let received = self.link.receive(until)?;
         let late = self.link.now().since(until);
-        if received.is_none() && late.0 > LATE_US {
+        if received.is_none() && late.0 > LATE_US && !self.link.time_waits() {
             self.count_late(late);
         }
         while let Some((at, sync)) = self.link.take_sent() {

@@ -279,6 +279,7 @@ pub fn exit_code(error: &anyhow::Error) -> u8 {
             | MasterError::Update { .. }
             | MasterError::BoardGyro { .. }
             | MasterError::NoIndex { .. }
+            | MasterError::RollersLost { .. }
             | MasterError::AnotherMaster(_)
             | MasterError::Lss(_),
         ) => 4,

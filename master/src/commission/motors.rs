@@ -7,7 +7,7 @@
 //! however the run ends, and the robot is left in PRE-OPERATIONAL at rest. The results take effect
 //! only by [`accept`], and survive a power cycle only by [`Wire::save`].
 
-use canopen::{Micros, NmtCommand, NmtTarget, NodeId, client};
+use canopen::{Frame, Micros, NmtCommand, NmtState, NmtTarget, NodeId, client};
 use protocol::address::{self as at, identified, motor};
 use protocol::{Address, Code, Kind, RobotReport, Value};
 
@@ -157,7 +157,8 @@ pub fn turn_wheel<L: Link>(
     all?;
     let ways = run.farthest;
     let turned = Turned { ways, speed: None };
-    if turned.all() && status != Err(MasterError::Aborted) && status != Ok(DONE) {
+    let ended = status == Err(MasterError::Aborted) || status == Ok(DONE) || run.restarted;
+    if turned.all() && !ended {
         return Ok(turned);
     }
     let status = status?;
@@ -196,6 +197,10 @@ pub fn accept<L: Link>(
     Ok(())
 }
 
+/// Why a run ends whose robot has restarted: it has no permission any more.
+const RESTARTED: &str =
+    "the robot restarted during the run; read its reset cause (2001:3) and its supply";
+
 /// What a status says.
 fn reason(status: u32, wheel: u32) -> String {
     let why = match status {
@@ -227,11 +232,20 @@ fn reason(status: u32, wheel: u32) -> String {
     }
 }
 
+/// Whether a frame is the boot-up message of a node.
+fn boots(node: u8, frame: &Frame) -> bool {
+    client::parse_heartbeat(frame)
+        .is_some_and(|(from, state)| from.get() == node && state == NmtState::Initialising)
+}
+
 struct Run<'a, L: Link> {
     wire: &'a mut Wire<L>,
     node: u8,
     period_us: u64,
+    began: Micros,
     next_sync: Micros,
+    /// The robot has restarted since then.
+    restarted: bool,
     /// Whether the link sends SYNC by itself; `None` before the first.
     paced: Option<bool>,
     /// Where the wheels are by the rates they report, and the farthest they have been, rad.
@@ -243,9 +257,11 @@ impl<'a, L: Link> Run<'a, L> {
     fn new(wire: &'a mut Wire<L>, node: u8, period_us: u64) -> Self {
         Self {
             next_sync: Micros((wire.now().0 / period_us + 1) * period_us),
+            began: wire.now(),
             wire,
             node,
             period_us,
+            restarted: false,
             paced: None,
             ways: [0.0; 4],
             farthest: [0.0; 4],
@@ -270,10 +286,23 @@ impl<'a, L: Link> Run<'a, L> {
         let restored = self
             .wire
             .write_checked(self.node, at::ALONE_FOR_NOW, Value::U8(0));
+        if done != Err(MasterError::Aborted) && self.has_restarted() {
+            let (node, reason) = (self.node, RESTARTED.into());
+            return Err(MasterError::Identification { node, reason });
+        }
         let status = done?;
         forbidden?;
         restored?;
         Ok(status)
+    }
+
+    /// Whether the robot's boot-up was received during the run, or waits to be read.
+    fn has_restarted(&mut self) -> bool {
+        let (node, began) = (self.node, self.began);
+        let mut waiting = self.wire.backlog.iter();
+        let is_boot_up = |(at, frame): &(Micros, Frame)| *at > began && boots(node, frame);
+        self.restarted |= waiting.any(is_boot_up);
+        self.restarted
     }
 
     fn until_over(&mut self, settings: &Settings, seen: Watch<'_>) -> Result<u32, MasterError> {
@@ -365,8 +394,14 @@ impl<'a, L: Link> Run<'a, L> {
     /// ends, so that neither a question to the robot nor a busy computer holds a SYNC up.
     fn syncs(&mut self, count: u32) -> Result<(), MasterError> {
         let paced = self.begin_sync();
+        // Periods that passed while a robot was asked are left out; nothing is late because of
+        // them.
+        if self.next_sync < self.wire.now() {
+            self.next_sync = self.next_period();
+        }
         for _ in 0..count {
-            while let Some((_, frame)) = self.wire.next(self.next_sync)? {
+            while let Some((at, frame)) = self.wire.next(self.next_sync)? {
+                self.restarted |= at > self.began && boots(self.node, &frame);
                 let report = RobotReport::decode(frame.id(), frame.data());
                 if let Some((node, RobotReport::WheelRates(report))) = report
                     && node == self.node

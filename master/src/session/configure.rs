@@ -11,8 +11,8 @@ use protocol::{Address, Kind, Value, address};
 
 use crate::bus::link::Link;
 use crate::error::MasterError;
-use crate::session::Group;
 use crate::session::sdo;
+use crate::session::{Configured, Group};
 
 impl<L: Link> Group<L> {
     /// Asks one robot who it is, again and again until it answers or `deadline` has come: it may
@@ -53,6 +53,12 @@ impl<L: Link> Group<L> {
     /// configuration incomplete; the error names node and object. Nothing moves.
     pub fn configure(&mut self, compensation: bool) -> Result<(), MasterError> {
         self.command(NmtCommand::EnterPreOperational)?;
+        // What was received so far is from before; a member that restarts from here on may do so
+        // after its values were written.
+        self.listen(self.wire.now())?;
+        self.restarted = None;
+        // Should it end halfway.
+        self.doubt_configuration();
         let file = std::sync::Arc::clone(&self.file);
         for robot in &file.robots {
             for (at, value) in parameters(&file, robot, compensation) {
@@ -77,7 +83,7 @@ impl<L: Link> Group<L> {
         for robot in &file.robots {
             self.check_configuration(robot.node)?;
         }
-        self.set_configured(compensation);
+        (self.configured, self.compensation) = (Configured::Whole, compensation);
         Ok(())
     }
 

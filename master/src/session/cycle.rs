@@ -4,7 +4,7 @@ use canopen::{Frame, Micros, NmtCommand, NmtState, client};
 use kinematics::Twist;
 use protocol::{Code, GroupTwist, cob};
 
-use super::{Group, LONG_LEAD_US, MISSING_SYNCS};
+use super::{Group, LONG_LEAD_US, MISSING_SYNCS, Member};
 use crate::bus::link::{Link, Schedule};
 use crate::error::MasterError;
 use crate::monitor::telemetry::{EventKind, SessionState};
@@ -99,6 +99,10 @@ impl<L: Link> Group<L> {
         let sync_at = self.next_sync;
         self.listen(sync_at)?;
         let judged = self.judge().map_err(|error| self.wire.blame(error));
+        let is_missing = |member: &Member| member.silent_syncs >= MISSING_SYNCS;
+        if self.phase == SessionState::Running && self.members.iter().any(is_missing) {
+            self.doubt_configuration();
+        }
         self.close_row();
         if !self.paced {
             let sync = client::sync(Some(self.next_counter()));
@@ -138,8 +142,14 @@ impl<L: Link> Group<L> {
 
     /// The first thing wrong with a member, causes before consequences.
     fn judge(&self) -> Result<(), MasterError> {
-        if self.phase != SessionState::Running {
-            return Ok(());
+        let restarted = self
+            .restarted
+            .map(|node| MasterError::MemberRestarted { node });
+        match (self.phase, &restarted) {
+            (SessionState::Running, _) => {}
+            // It would start with the parameters of its flash.
+            (SessionState::Starting, Some(error)) => return Err(error.clone()),
+            _ => return Ok(()),
         }
         if let Some(sign) = self.displaced {
             return Err(MasterError::Displaced(sign));
@@ -150,7 +160,13 @@ impl<L: Link> Group<L> {
             };
             Some((fault.is_consequence(), member.node, fault))
         });
-        if let Some((_, node, fault)) = faults.min_by_key(|(consequence, ..)| *consequence) {
+        let first = faults.min_by_key(|(consequence, ..)| *consequence);
+        if first.is_none_or(|(consequence, ..)| consequence)
+            && let Some(error) = restarted
+        {
+            return Err(error);
+        }
+        if let Some((_, node, fault)) = first {
             // The culprit is the one that was not heard, not the first to say so.
             let silent = self.members.iter().max_by_key(|member| member.silent_syncs);
             return Err(match silent {
@@ -179,9 +195,6 @@ impl<L: Link> Group<L> {
                     syncs: member.silent_syncs,
                 });
             }
-            if member.nmt == Some(NmtState::Initialising) {
-                return Err(MasterError::MemberRestarted { node: member.node });
-            }
             if let Some(state) = member.nmt
                 && state != NmtState::Operational
             {
@@ -207,6 +220,7 @@ impl<L: Link> Group<L> {
         self.set_target(None);
         if self.displaced.take().is_some() {
             // The robots are the other's now: a setpoint or NMT command from here would stop them.
+            self.doubt_configuration();
             self.end_sync()?;
             self.wire.claim(false);
             self.set_phase(SessionState::Idle);

@@ -41,6 +41,7 @@ mod cycle;
 pub mod follow;
 mod misbehave;
 mod receive;
+mod restart;
 pub mod roller_index;
 pub mod sdo;
 mod snapshot;
@@ -103,6 +104,17 @@ pub struct Member {
     pub temperature: Option<u8>,
 }
 
+/// Whether the robots hold the group file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Configured {
+    /// They have not got it in this session.
+    Never,
+    /// They have got it.
+    Whole,
+    /// They have got it, and one may have lost it since.
+    Doubtful,
+}
+
 /// A group of robots on a bus.
 pub struct Group<L> {
     pub(crate) wire: Wire<L>,
@@ -119,7 +131,9 @@ pub struct Group<L> {
     longest_lead_us: u64,
     missed: u64,
     phase: SessionState,
-    configured: bool,
+    configured: Configured,
+    /// The member whose boot-up was received last since the robots were configured.
+    restarted: Option<u8>,
     /// Whether losses are made up for, as the robots were told when they were configured.
     compensation: bool,
     twist: Twist,
@@ -176,7 +190,8 @@ impl<L: Link> Group<L> {
             longest_lead_us: SETPOINT_LEAD_US.into(),
             missed: 0,
             phase: SessionState::Idle,
-            configured: false,
+            configured: Configured::Never,
+            restarted: None,
             compensation: false,
             twist: Twist::default(),
             target: None,
@@ -345,15 +360,14 @@ impl<L: Link> Group<L> {
     }
 
     /// Starts SYNC with a standing setpoint, then the robots, and returns once all are ready to
-    /// move. Robots that have not been configured in this session get the group file first.
+    /// move. Robots that have not been configured in this session get the group file first, and so
+    /// do all when one may have lost it: after a restart, or when it was missing.
     ///
     /// # Errors
     /// When a member refuses its configuration or does not get ready in time, or the link fails;
     /// all robots are then back in PRE-OPERATIONAL.
     pub fn start(&mut self) -> Result<(), MasterError> {
-        if !self.configured {
-            self.configure(true)?;
-        }
+        self.ensure_configured()?;
         self.set_phase(SessionState::Starting);
         self.twist = Twist::default();
         self.jumped = None;
@@ -481,12 +495,7 @@ impl<L: Link> Group<L> {
     #[cfg(feature = "calibration")]
     pub(crate) fn set_config(&mut self, file: GroupFile) {
         self.file = Arc::new(file);
-        self.configured = false;
-    }
-
-    pub(crate) fn set_configured(&mut self, compensation: bool) {
-        self.configured = true;
-        self.compensation = compensation;
+        self.configured = Configured::Never;
     }
 
     /// What has to be asked for beside a twist in the group frame; nothing where losses are not

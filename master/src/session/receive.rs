@@ -24,11 +24,12 @@ impl<L: Link> Group<L> {
             }
             match self.members.iter_mut().find(|m| m.node == node) {
                 Some(member) => {
-                    member.last_heartbeat = Some(at);
+                    let before = member.last_heartbeat.replace(at);
                     let changed = member.nmt.replace(state) != Some(state);
                     if changed {
                         self.publish(Some(node), EventKind::Nmt(state));
                     }
+                    self.note_restart(node, state, at, before);
                 }
                 None => {
                     self.strangers.insert(node);
@@ -56,6 +57,10 @@ impl<L: Link> Group<L> {
         let Some(sign) = Sign::of(frame) else { return };
         if sign != Sign::Nmt {
             self.foreign = Some((at, sign));
+        }
+        if self.phase == SessionState::Idle && matches!(sign, Sign::Sync | Sign::GroupTwist) {
+            // It drives, so it has configured the robots.
+            self.doubt_configuration();
         }
         if self.phase != SessionState::Running {
             return;

@@ -305,7 +305,7 @@ fn head(fingerprint: u32) -> String {
 }
 
 /// Whether the same motion may well succeed when it is driven again: the master or the source of
-/// poses was late, and nothing is broken.
+/// poses was late, and nothing is broken, or a robot restarted and is configured again.
 fn passes(error: &MasterError) -> bool {
     use protocol::Fault;
     match error.cause() {
@@ -315,6 +315,7 @@ fn passes(error: &MasterError) -> bool {
         ),
         MasterError::MemberMissing { .. }
         | MasterError::MembersMissing { .. }
+        | MasterError::MemberRestarted { .. }
         | MasterError::PoseLost => true,
         _ => false,
     }

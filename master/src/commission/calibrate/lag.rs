@@ -16,10 +16,10 @@ use std::f64::consts::{PI, TAU};
 use group::{ContactLag, GroupFile};
 use kinematics::Pose;
 
-use super::CalibrateError;
 use super::journal::Journal;
 use super::manoeuvre::{Manoeuvre, Settings, Way, straight, turns};
 use super::measure::{Body, Instrument, Poses};
+use super::{CalibrateError, attempt};
 use crate::bus::link::Link;
 use crate::error::MasterError;
 use crate::monitor::metrics::{PathPoint, evenness};
@@ -67,16 +67,9 @@ pub fn find<L: Link>(
             motion.way.unit()
         );
         let lags: Option<Vec<f64>> = journal.motion(&name, &mut || {
-            if !started {
-                group.start()?;
-                started = true;
-            }
-            let lags = observe(group, bodies, motion, poses);
-            if lags.is_err() {
-                started = false;
-                group.stop()?;
-            }
-            lags
+            attempt(group, &mut started, |group, _| {
+                observe(group, bodies, motion, poses)
+            })
         })?;
         let axis = match motion.way {
             Way::Ahead => across,

@@ -30,6 +30,7 @@ use group::{ContactLag, GroupFile};
 use kinematics::Twist;
 
 use crate::bus::link::Link;
+use crate::error::MasterError;
 use crate::session::Group;
 use fit::{Found, Row};
 use journal::Journal;
@@ -221,16 +222,9 @@ fn drive<L: Link>(
             motion.way.unit()
         );
         let each = journal.motion(&name, &mut || {
-            if !started {
-                group.start()?;
-                started = true;
-            }
-            let each = observe(group, bodies, motion, instrument);
-            if each.is_err() {
-                started = false;
-                group.stop()?;
-            }
-            each
+            attempt(group, &mut started, |group, _| {
+                observe(group, bodies, motion, instrument)
+            })
         })?;
         let more = more(group, bodies, motion);
         for (seen, one) in seen.iter_mut().zip(each.unwrap_or_default()) {
@@ -242,6 +236,27 @@ fn drive<L: Link>(
         group.stop()?;
     }
     all.map(|()| seen)
+}
+
+/// Drives one of several motions. The group is started where it is not, of which `motion` is
+/// informed, and stopped after an error.
+fn attempt<L: Link, T>(
+    group: &mut Group<L>,
+    started: &mut bool,
+    motion: impl FnOnce(&mut Group<L>, bool) -> Result<T, MasterError>,
+) -> Result<T, MasterError> {
+    let first = !*started;
+    if first {
+        group.start_measuring()?;
+        *started = true;
+    }
+    let seen = motion(group, first);
+    if seen.is_err() {
+        *started = false;
+        group.stop()?;
+    }
+    // The boot-up of a robot that was missing comes while the group stops.
+    seen.map_err(|error| group.explained(error))
 }
 
 /// Coefficients of the turns corrected by what was seen with those in force, and the errors seen.

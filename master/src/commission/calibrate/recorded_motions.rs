@@ -16,9 +16,9 @@ use std::f64::consts::TAU;
 use kinematics::{FourWheelGeometry, Twist};
 use protocol::{GyroState, Kind, address};
 
-use super::CalibrateError;
 use super::journal::Journal;
 use super::phase::{Motion, Samples};
+use super::{CalibrateError, attempt};
 use crate::bus::link::Link;
 use crate::error::MasterError;
 use crate::session::Group;
@@ -147,17 +147,12 @@ pub fn record<L: Link>(
     let mut started = false;
     let driven = twists.iter().try_for_each(|twist| {
         let motion = journal.motion("roller phases", &mut || {
-            if !started {
-                group.start()?;
-                started = true;
-                source.rest(group)?;
-            }
-            let motion = record_one(group, *twist, source);
-            if motion.is_err() {
-                started = false;
-                group.stop()?;
-            }
-            motion
+            attempt(group, &mut started, |group, first| {
+                if first {
+                    source.rest(group)?;
+                }
+                record_one(group, *twist, source)
+            })
         })?;
         for (all, motion) in out.iter_mut().zip(motion.unwrap_or_default()) {
             all.push(motion);

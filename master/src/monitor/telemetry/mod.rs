@@ -230,6 +230,8 @@ pub enum EventKind {
     Emergency(u16),
     /// The master was too late for one or more SYNCs with its setpoint; how many so far.
     Late(u64),
+    /// A member has restarted or was missing, so all robots were configured again.
+    ConfiguredAgain,
     /// The session ended with an error; its message.
     Failed(String),
 }
@@ -254,6 +256,9 @@ impl std::fmt::Display for EventKind {
             Self::Emergency(0) => f.write_str("emergency over"),
             Self::Emergency(code) => write!(f, "emergency {code:#06x}"),
             Self::Late(count) => write!(f, "the master fell behind: {count} setpoints too late"),
+            Self::ConfiguredAgain => {
+                f.write_str("configured again with the whole group, after a restart or a silence")
+            }
             Self::Failed(message) => f.write_str(message),
         }
     }
@@ -293,6 +298,7 @@ pub const fn level(what: &EventKind) -> Level {
         | EventKind::Code(Code::None)
         | EventKind::SessionState(_)
         | EventKind::Nmt(_)
+        | EventKind::ConfiguredAgain
         | EventKind::State(_) => Level::Info,
     }
 }
