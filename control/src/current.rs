@@ -11,6 +11,8 @@ use crate::threshold::Lasting;
 
 /// How long there must be too much of it, us: no acceleration takes that long to be limited.
 const OVER_US: u64 = 20_000;
+/// The same while nothing drives: two readings might be from before the sensors were looked at.
+const AT_REST_US: u64 = 5_000;
 
 /// A sensor that may show less than nothing is at the lower end of its range below this, V: three
 /// steps of 4096.
@@ -50,7 +52,8 @@ impl Current {
         self.too_much
     }
 
-    /// Takes in the voltages at the inputs, V; returns the current, A.
+    /// Takes in the voltages at the inputs, V, while the robot drives or not; returns the current,
+    /// A.
     #[cold]
     #[inline(never)]
     pub(crate) fn update(
@@ -58,6 +61,7 @@ impl Current {
         volts: [f32; 3],
         sensor: &CurrentConfiguration,
         now: Micros,
+        drives: bool,
     ) -> f32 {
         let (mut sum, mut at_end) = (0.0, false);
         for volts in volts.into_iter().take(sensor.inputs.into()) {
@@ -66,7 +70,8 @@ impl Current {
         }
         let current = sum * sensor.scale;
         let over = at_end || current.abs() > sensor.bound;
-        self.too_much = self.over.update(over, now, OVER_US);
+        let lasting_us = if drives { OVER_US } else { AT_REST_US };
+        self.too_much = self.over.update(over, now, lasting_us);
         current
     }
 }
@@ -87,21 +92,21 @@ mod tests {
     fn run(sensor: &CurrentConfiguration, volts: fn(u64) -> [f32; 3]) -> Option<u64> {
         let mut current = Current::new();
         (0..200).find(|ms| {
-            current.update(volts(*ms), sensor, Micros(ms * 1_000));
+            current.update(volts(*ms), sensor, Micros(ms * 1_000), true);
             current.is_too_much()
         })
     }
 
     #[test]
     fn the_inputs_are_added_with_their_signs() {
-        let sum = |volts| Current::new().update(volts, &SENSOR, Micros(0));
+        let sum = |volts| Current::new().update(volts, &SENSOR, Micros(0), true);
         assert!((sum([1.65, 2.65, 2.15]) - 15.0).abs() < 1e-4);
         assert!((sum([1.15, 1.15, 2.65])).abs() < 1e-4);
         let one = CurrentConfiguration {
             inputs: 1,
             ..SENSOR
         };
-        let first = Current::new().update([1.15, 3.3, 0.0], &one, Micros(0));
+        let first = Current::new().update([1.15, 3.3, 0.0], &one, Micros(0), true);
         assert!((first + 5.0).abs() < 1e-4, "the others are not looked at");
     }
 

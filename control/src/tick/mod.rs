@@ -41,9 +41,9 @@ const LATE_US: u32 = TICK_US + TICK_US / 2;
 /// Later than this, the wheels have been without control for too long, us.
 const OVERDUE_US: u32 = 20_000;
 
-/// How many ticks a new configuration measures before it drives: a sensor that shows too much
-/// current is one after 20.
-const UNPROVEN_TICKS: u8 = 25;
+/// How many ticks a new configuration measures before it drives. The first SYNC after a start is
+/// for the others to learn of it, so no start takes longer for these.
+const UNPROVEN_TICKS: u8 = 9;
 
 /// Time and supply of one tick.
 #[derive(Clone, Copy)]
@@ -118,7 +118,7 @@ impl ControlSide {
     }
 
     /// Applies a configuration. This switches the outputs off and resets the pose to zero. They
-    /// stay off for 25 ticks, in which wheels that turn and a current that is too large are seen.
+    /// stay off for nine ticks, in which wheels that turn and a current that is too large are seen.
     pub fn configure(&mut self, configuration: &Configuration) {
         let side = &mut self.supervision;
         side.safe(false);
@@ -289,7 +289,8 @@ impl Supervision {
         self.report.supply = self.supply.voltage();
         let sensor = motion.configuration.current.as_ref();
         if let (Some(sensor), Some(volts)) = (sensor, inputs.current_inputs) {
-            self.report.current = self.current.update(volts, sensor, now);
+            let drives = self.unproven == 0;
+            self.report.current = self.current.update(volts, sensor, now, drives);
             if self.current.is_too_much() && self.report.obstacle.is_none() {
                 self.report.obstacle = Some(Fault::OverCurrent);
             }

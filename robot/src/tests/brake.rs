@@ -201,13 +201,13 @@ fn an_identification_waits_for_the_brake_and_ends_with_it() {
     world.write(2, at::COMMISSIONING, Value::U8(1)).unwrap();
     let before = world.now;
     let released = world.robots[0].outputs.brake_released;
-    // Since the 25 ticks in which a new configuration only measures; the start was 30 ms ago.
+    // Since the nine ticks in which a new configuration only measures; the start was 30 ms ago.
     assert!(released);
     world.write(2, at::IDENTIFY, Value::U8(1)).unwrap();
     let drives = |world: &World| world.robots[0].outputs.given() != [0.0; 4];
     world.until(400, drives);
     let took = (world.now - before) / 1_000;
-    assert!((190..=200).contains(&took), "{took} ms");
+    assert!((175..=185).contains(&took), "{took} ms");
     world.until(20_000, |world| !world.robots[0].outputs.brake_released);
     let held = world.until(300, |world| {
         assert_eq!(world.robots[0].outputs.given(), [0.0; 4]);
