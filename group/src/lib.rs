@@ -10,6 +10,8 @@
 //! an error, because a misspelt key is a value that silently kept its default. Every [`GroupError`]
 //! says which file, line and field, what is wrong with it, and what to write instead.
 //!
+//! # Modules
+//!
 //! - `schema`: the file as TOML has it, every value with its place in the text.
 //! - `model` and `simulation`: the group as the programs use it, SI units, checked.
 //! - `check`, `member` and `check_simulation`: the way from one to the other, and all rules.
