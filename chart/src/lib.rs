@@ -24,7 +24,7 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 const INK: RGBColor = RGBColor(45, 52, 62);
 /// Grid lines.
 const GRID: RGBColor = RGBColor(228, 232, 237);
-/// Lines are thinned to at most this many points.
+/// Lines are thinned to at most this many points, and their ends.
 const MAX_POINTS: usize = 900;
 /// Space around the plot for the labels of the axes, in pixels.
 const LABEL_AREA: (u32, u32) = (46, 62);
@@ -184,15 +184,26 @@ fn from_zero(value: f64) -> (f64, f64) {
     (end.min(0.0), end.max(0.0))
 }
 
-/// Every n-th point so that at most [`MAX_POINTS`] remain, the last one included.
+/// A line of at most [`MAX_POINTS`] points and both ends: of as many stretches as are needed, the
+/// lowest and the highest point in their order, so a peak of one sample stays as high as it is.
 fn thinned(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
-    let step = points.len().div_ceil(MAX_POINTS).max(1);
-    let mut out: Vec<_> = points.iter().copied().step_by(step).collect();
-    if let Some(last) = points.last()
-        && out.last() != Some(last)
-    {
-        out.push(*last);
+    if points.len() <= MAX_POINTS {
+        return points.to_vec();
     }
+    let mut out = Vec::with_capacity(MAX_POINTS + 2);
+    out.extend(points.first());
+    for stretch in points.chunks(points.len().div_ceil(MAX_POINTS / 2)) {
+        let finite = stretch.iter().enumerate().filter(|(_, p)| p.1.is_finite());
+        let lowest = finite.clone().min_by(|(_, a), (_, b)| a.1.total_cmp(&b.1));
+        let highest = finite.max_by(|(_, a), (_, b)| a.1.total_cmp(&b.1));
+        if let (Some(lowest), Some(highest)) = (lowest, highest) {
+            let later = lowest.0.max(highest.0);
+            let earlier = lowest.0.min(highest.0);
+            out.extend([stretch[earlier], stretch[later]]);
+        }
+    }
+    out.extend(points.last());
+    out.dedup();
     out
 }
 
@@ -528,8 +539,21 @@ mod tests {
     fn thinning_keeps_both_ends() {
         let points: Vec<_> = (0..10_000).map(|i| (f64::from(i), 0.0)).collect();
         let thin = thinned(&points);
-        assert!(thin.len() <= MAX_POINTS + 1);
+        assert!(thin.len() <= MAX_POINTS + 2);
         assert_eq!((thin[0].0, thin[thin.len() - 1].0), (0.0, 9999.0));
+    }
+
+    /// Strain of one sample, as it would vanish if every n-th point was drawn.
+    #[test]
+    fn thinning_keeps_peaks_of_one_sample() {
+        let mut points: Vec<_> = (0..10_000).map(|i| (f64::from(i), 0.0)).collect();
+        for (at, peak) in [(4_321, 7.0), (4_322, -5.0), (9_998, 3.0)] {
+            points[at].1 = peak;
+        }
+        let thin = thinned(&points);
+        assert!(thin.is_sorted_by(|a, b| a.0 < b.0));
+        let peaks: Vec<_> = thin.into_iter().filter(|p| p.1 != 0.0).collect();
+        assert_eq!(peaks, [(4_321.0, 7.0), (4_322.0, -5.0), (9_998.0, 3.0)]);
     }
 
     #[test]

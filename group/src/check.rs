@@ -79,7 +79,7 @@ impl Examination {
     pub fn of_file(path: impl AsRef<Path>) -> Result<Self, GroupError> {
         let path = path.as_ref();
         let file = path.display().to_string();
-        let text = std::fs::read_to_string(path).map_err(|e| GroupError {
+        let text = crate::input::text(path).map_err(|e| GroupError {
             file: file.clone(),
             line: None,
             field: String::new(),

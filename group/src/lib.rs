@@ -10,11 +10,14 @@
 //! an error, because a misspelt key is a value that silently kept its default. Every [`GroupError`]
 //! says which file, line and field, what is wrong with it, and what to write instead.
 //!
+//! # Modules
+//!
 //! - `schema`: the file as TOML has it, every value with its place in the text.
 //! - `model` and `simulation`: the group as the programs use it, SI units, checked.
 //! - `check`, `member` and `check_simulation`: the way from one to the other, and all rules.
 //! - `parameters`: what a robot must be told, as objects and values.
 //! - `error`: what is said when a rule is broken.
+//! - [`input`]: reading files that may have no end.
 //!
 //! The file does not say how anything behaves: it holds data of robots, and the `[simulation]`
 //! table holds what only a simulated world needs to be told (which losses, which crystal errors).
@@ -24,6 +27,7 @@ mod check;
 mod check_simulation;
 mod declaration;
 mod error;
+pub mod input;
 mod member;
 mod model;
 mod number;

@@ -284,11 +284,14 @@ pub enum MasterError {
     /// A curve asks for more than the group may do.
     #[error(
         "{trajectory} asks for {asked:.3} {unit}, but {limit_name} of the group is {limit:.3}; go \
-         slower (a curve with --speed or --scale below 1), or raise {limit_name} in the group file"
+         slower{}, or raise {limit_name} in the group file",
+        if *is_curve { " (--speed or --scale below 1)" } else { "" }
     )]
     TooFast {
-        /// Name of the curve.
+        /// Name of the curve, or "the velocity".
         trajectory: String,
+        /// Whether it is a curve, which can be made slower or smaller.
+        is_curve: bool,
         /// Largest value asked for.
         asked: f32,
         /// Unit of both values.

@@ -15,9 +15,10 @@ const EXAMPLES: &str = "Examples:
   omnibus group check groups/tcc-3.toml
 
 A bus is auto (the adapter or robot that is plugged in), sim:GROUP.toml (a simulated world in this
-process), socketcan:INTERFACE, slcan:DEVICE, slcan-tcp://HOST:PORT or
-socketcand://HOST:PORT/INTERFACE. Commands that move a group on a real bus also need --group
-GROUP.toml. The environment variables OMNIBUS_BUS and OMNIBUS_GROUP replace --bus and --group.";
+process), socketcan:INTERFACE, slcan:DEVICE, slcan-tcp://HOST:PORT,
+socketcand://HOST:PORT/INTERFACE or lockstep://HOST:PORT (served by omnibus-sim). Commands that move
+a group on a real bus also need --group GROUP.toml. The environment variables OMNIBUS_BUS and
+OMNIBUS_GROUP replace --bus and --group.";
 
 /// Makes several Mecanum-wheeled robots move as one body.
 #[derive(Parser)]
@@ -101,6 +102,7 @@ fn main() -> ExitCode {
         Err(error) => return ExitCode::from(cli::output::print_usage(&error)),
     };
     cli::output::set(arguments.output);
+    omnibus::file::on_leftover(cli::output::print_leftover);
     let done = match arguments.command {
         Command::Follow(arguments) => cli::follow::run(&arguments),
         Command::Drive(arguments) => cli::drive::run(&arguments),
@@ -133,8 +135,7 @@ fn main() -> ExitCode {
         #[cfg(feature = "ros")]
         Command::Ros(arguments) => cli::ros::run(&arguments),
         Command::Completions(arguments) => {
-            cli::completions::run(&arguments, &mut Arguments::command());
-            Ok(())
+            cli::completions::run(&arguments, &mut Arguments::command())
         }
     };
     match done {

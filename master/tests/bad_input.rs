@@ -253,6 +253,9 @@ fn bus_with_a_master() -> (String, std::thread::JoinHandle<Vec<u8>>) {
 /// Every command that takes robots refuses a bus that another master commands, and sends nothing.
 #[test]
 fn no_command_takes_robots_from_another_master() {
+    let folder = folder_with_recording("another-master");
+    let recording = folder.join("run.mcap");
+    let recording = recording.to_str().unwrap();
     for command in [
         &["drive", "--vx", "0.1", "--for", "1"][..],
         &["follow", "circle"],
@@ -261,6 +264,7 @@ fn no_command_takes_robots_from_another_master() {
         &["identify-motors", "--node", "2", "--wheels-free"],
         &["calibrate", "--tape"],
         &["lss", "set", "9", "--now", "3", "--reset"],
+        &["replay", recording, "--drive"],
     ] {
         let (bus, server) = bus_with_a_master();
         let group = ["--bus", &bus, "--group", "groups/single.toml"];
@@ -277,6 +281,156 @@ fn no_command_takes_robots_from_another_master() {
             "{command:?} sent {received:?}"
         );
     }
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
+/// A folder with a recording of half a second, `run.mcap`, and the group file of it, `group.toml`.
+fn folder_with_recording(name: &str) -> PathBuf {
+    let folder = std::env::temp_dir().join(format!("omnibus-{}-{name}", std::process::id()));
+    let _ = std::fs::remove_dir_all(&folder);
+    std::fs::create_dir_all(&folder).unwrap();
+    let group = folder.join("group.toml");
+    let of = concat!(env!("CARGO_MANIFEST_DIR"), "/../groups/tcc-2.toml");
+    std::fs::copy(of, &group).unwrap();
+    let bus = format!("sim:{}", group.display());
+    let file = folder.join("run.mcap");
+    let record = ["--record", file.to_str().unwrap(), "--bus", &bus];
+    let output = omnibus(&[&["drive", "--vx", "0.1", "--for", "0.5"][..], &record].concat());
+    assert!(output.status.success(), "{output:?}");
+    folder
+}
+
+/// Files that a command reads stay as they are, whatever name they are given as an output.
+#[test]
+fn no_output_replaces_an_input() {
+    let folder = folder_with_recording("outputs");
+    let path = |name: &str| folder.join(name).to_str().unwrap().to_owned();
+    let (run, group) = (path("run.mcap"), path("group.toml"));
+    let picture = path("run.svg");
+    std::fs::copy(&run, &picture).unwrap();
+    let bus = format!("sim:{group}");
+    let dotted = format!("{}/./group.toml", folder.display());
+    let linked = path("link");
+    #[cfg(unix)]
+    std::os::unix::fs::symlink(&group, &linked).unwrap();
+    #[cfg(not(unix))]
+    std::fs::hard_link(&dotted, &linked).unwrap();
+    let drive = ["drive", "--vx", "0.1", "--for", "0.5", "--record"];
+    let curve = ["follow", "circle", "--quick", "--bus", &bus];
+    let before = [&run, &group, &picture].map(|file| std::fs::read(file).unwrap());
+    for (option, arguments) in [
+        (
+            "--output",
+            vec!["convert", &run, "--to", "csv", "--output", &run],
+        ),
+        (
+            "--output",
+            vec![
+                "convert", &run, "--to", "csv", "--group", &group, "--output", &group,
+            ],
+        ),
+        ("--output", vec!["report", &run, "--output", &run]),
+        ("--output", vec!["plot", &picture]),
+        ("--record", [&drive[..], &[&group, "--bus", &bus]].concat()),
+        ("--record", [&drive[..], &[&dotted, "--bus", &bus]].concat()),
+        ("--record", [&drive[..], &[&linked, "--bus", &bus]].concat()),
+        ("--record", [&curve[..], &["--record", &group]].concat()),
+        ("--report", [&curve[..], &["--report", &group]].concat()),
+        ("FILE", vec!["record", &group, "--for", "1", "--bus", &bus]),
+        (
+            "--output",
+            vec![
+                "param", "dump", "--node", "2", "--output", &group, "--bus", &bus,
+            ],
+        ),
+    ] {
+        let output = omnibus(&arguments);
+        let message = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {message}");
+        let expected = message.starts_with(&format!("error: {option} "))
+            && message.contains("which would be replaced; give another file");
+        assert!(expected, "{arguments:?}: {message}");
+    }
+    let after = [&run, &group, &picture].map(|file| std::fs::read(file).unwrap());
+    assert!(before == after);
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
+/// A file without an end is refused before it fills the memory.
+#[test]
+#[cfg(target_os = "linux")]
+fn a_file_without_an_end_is_refused() {
+    const BUS: [&str; 2] = ["--bus", "sim:groups/tcc-2.toml"];
+    for (call, rest, code, size) in [
+        ("group check", &[][..], 6, "16 MiB"),
+        ("group show", &[], 1, "16 MiB"),
+        ("param load --node 2", &BUS, 1, "16 MiB"),
+        ("unlock --key", &BUS, 1, "64 MiB"),
+        ("update", &BUS, 1, "64 MiB"),
+    ] {
+        let arguments: Vec<&str> = call.split(' ').chain(["/dev/zero"]).collect();
+        let output = omnibus(&[&arguments[..], rest].concat());
+        let text = String::from_utf8([output.stdout, output.stderr].concat()).unwrap();
+        assert_eq!(output.status.code(), Some(code), "{call}: {text}");
+        assert!(text.contains("/dev/zero"), "{call}: {text}");
+        let expected = format!("(it is larger than {size}); give ");
+        assert!(text.contains(&expected), "{call}: {text}");
+    }
+}
+
+/// A script that cannot be written is an error, and a reader that has gone is none.
+#[test]
+#[cfg(target_os = "linux")]
+fn completions_that_cannot_be_written_do_not_panic() {
+    let run = |out: std::process::Stdio| {
+        let output = Command::new(env!("CARGO_BIN_EXE_omnibus"))
+            .args(["completions", "bash"])
+            .stdout(out)
+            .output()
+            .unwrap();
+        let message = String::from_utf8(output.stderr).unwrap();
+        (output.status.code(), message)
+    };
+    let full = std::fs::File::options().write(true).open("/dev/full");
+    let (code, message) = run(full.unwrap().into());
+    assert_eq!(code, Some(1), "{message}");
+    assert!(message.starts_with("error: No space left"), "{message}");
+    let (reader, writer) = std::io::pipe().unwrap();
+    drop(reader);
+    assert_eq!(run(writer.into()), (Some(0), String::new()));
+}
+
+#[test]
+fn a_refusal_names_what_was_given_and_what_helps() {
+    let key = std::env::temp_dir().join(format!("omnibus-{}.key", std::process::id()));
+    std::fs::write(&key, [7; 32]).unwrap();
+    let lock = [
+        "lock",
+        "--new",
+        "--bus",
+        "sim:groups/tcc-2.toml",
+        "--set-key",
+    ];
+    for (arguments, code, part) in [
+        (
+            [&lock[..], &[key.to_str().unwrap()]].concat(),
+            1,
+            "(File exists (os error 17)); without --new this key is set",
+        ),
+        (
+            vec!["group", "new", "never-written.toml", "--group-id", "300"],
+            2,
+            "300 is not in 1..=255",
+        ),
+        (vec!["plot", "."], 1, "error: .: cannot be read"),
+    ] {
+        let output = omnibus(&arguments);
+        let message = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {message}");
+        assert!(message.contains(part), "{arguments:?}: {message}");
+    }
+    assert_eq!(std::fs::read(&key).unwrap(), [7; 32]);
+    std::fs::remove_file(key).unwrap();
 }
 
 /// Every command that reads a file names the one that is not there, and says what to give.

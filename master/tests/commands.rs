@@ -47,10 +47,10 @@ fn scan() {
 #[test]
 fn status() {
     check("status", &transcript(&["status", "--bus", BUS]));
-    assert_eq!(
-        json(&["status", "--json", "--bus", BUS])["robots"][0]["state"],
-        "Unconfigured"
-    );
+    let robot = &json(&["status", "--json", "--bus", BUS])["robots"][0];
+    assert_eq!(robot["state"], "Unconfigured");
+    // No divider is no 0 V.
+    assert_eq!(robot["supply_v"], Value::Null);
     // Drives that have not been told otherwise report 30 degrees; bridges report none.
     for (bus, degrees) in [("sim:groups/c620.toml", 30.into()), (BUS, Value::Null)] {
         let found = json(&["status", "--json", "--bus", bus]);
@@ -139,7 +139,7 @@ fn param_dump_diff_and_load() {
     assert_eq!(other.status.code(), Some(6));
     let output = String::from_utf8(other.stdout).unwrap();
     assert!(
-        output.contains("SYNC timeout (2041:2) is 0, the file has 70"),
+        output.contains("SYNC timeout (2041:2) is 0, the file has 70 ms\n"),
         "{output}"
     );
     let loaded = json(&[
@@ -211,6 +211,8 @@ fn a_group_of_ones_own() {
         "group-new",
         &text.replace(&*folder.to_string_lossy(), "FOLDER"),
     );
+    let drawn = json(&["group", "draw", &file, "--output", &svg, "--json"]);
+    assert_eq!(drawn, serde_json::json!({"file": svg}));
     let drawing = std::fs::read_to_string(&svg).unwrap();
     assert_eq!(
         drawing.matches(" rotate(-180").count(),

@@ -240,6 +240,26 @@ fn ctrl_c_at_any_moment_of_an_identification() {
     at_any_moment(&["identify-motors", "--node", "2", "--wheels-free"]);
 }
 
+/// The frames of a recording are sent up to a Ctrl-C, and no robot stays in OPERATIONAL.
+#[test]
+fn ctrl_c_in_a_replay() {
+    let file = Path::new(env!("CARGO_TARGET_TMPDIR")).join("interrupted.mcap");
+    let file = file.to_str().unwrap();
+    let drive = ["drive", "--vx", "0.1", "--for", "1", "--record", file];
+    let recorded = omnibus(&[&drive[..], &["--bus", "sim:groups/tcc-2.toml"]].concat());
+    assert!(recorded.status.success());
+    let replay = ["replay", file, "--drive"];
+    let (served, bus) = serve();
+    let whole = run(&replay, &bus, usize::MAX);
+    assert_eq!(whole.code, Some(0));
+    drop(served);
+    let (_served, bus) = serve();
+    let ended = run(&replay, &bus, whole.sent / 2);
+    assert_eq!(ended.code, Some(130));
+    assert!(ended.sent < whole.sent);
+    assert!(states(&bus).iter().all(|(nmt, _)| nmt == "PreOperational"));
+}
+
 /// What was found before a Ctrl-C is in the report, which says that the rest was not tried; the
 /// report of the next trial has everything.
 #[test]

@@ -316,6 +316,32 @@ fn a_full_disk_is_named_at_once_and_the_drive_goes_on() {
     assert!(received.len() > 1_000, "{} frames", received.len());
 }
 
+/// The second of two recordings of one name is refused, and the first one stays whole. What a
+/// killed recorder wrote gets another name.
+#[test]
+fn two_recordings_of_one_name_do_not_destroy_each_other() {
+    let folder = folder("twice");
+    for old in std::fs::read_dir(&folder).unwrap() {
+        std::fs::remove_file(old.unwrap().path()).unwrap();
+    }
+    let (file, part) = (folder.join("run.mcap"), folder.join("run.mcap.part"));
+    std::fs::write(&part, "of a killed recorder").unwrap();
+    let header = Header::default();
+    let first = Recorder::create(&file, &header, WAITS).unwrap();
+    let sink = first.sink();
+    sink(Micros(7), &Frame::new(0x80, &[1]).unwrap(), true);
+    let refused = Recorder::create(&file, &header, WAITS).err().unwrap();
+    let refused = refused.to_string();
+    let expected = "run.mcap.part is being written by another omnibus; give another name";
+    assert!(refused.contains(expected), "{refused}");
+    drop(sink);
+    first.finish().unwrap();
+    assert_eq!(recording::read(&file).unwrap().frames.len(), 1);
+    let aside = std::fs::read_to_string(folder.join("run.mcap.part.1"));
+    assert_eq!(aside.unwrap(), "of a killed recorder");
+    assert!(!part.exists());
+}
+
 /// A file that grows is not there under its name until it is complete; the old one is.
 #[test]
 fn a_file_is_replaced_whole_or_not_at_all() {

@@ -1,5 +1,7 @@
 //! `omnibus completions SHELL`: a script that completes commands and options.
 
+use std::io::Write as _;
+
 use clap::Command;
 use clap_complete::Shell;
 
@@ -15,6 +17,12 @@ pub struct Arguments {
     shell: Shell,
 }
 
-pub fn run(arguments: &Arguments, command: &mut Command) {
-    clap_complete::generate(arguments.shell, command, "omnibus", &mut std::io::stdout());
+pub fn run(arguments: &Arguments, command: &mut Command) -> anyhow::Result<()> {
+    // The generator panics when a write fails, so it writes to memory.
+    let mut script = Vec::new();
+    clap_complete::generate(arguments.shell, command, "omnibus", &mut script);
+    let mut out = std::io::stdout().lock();
+    out.write_all(&script)?;
+    out.flush()?;
+    Ok(())
 }

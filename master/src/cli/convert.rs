@@ -60,6 +60,12 @@ pub fn load(file: &std::path::Path, quiet: bool) -> anyhow::Result<Recording> {
 }
 
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    if let Some(path) = &arguments.output {
+        super::refuse_input("--output", path, &arguments.file, "the recording itself")?;
+        if let Some(group) = &arguments.group {
+            super::refuse_input("--output", path, group, "the group file in use")?;
+        }
+    }
     let mut recording = load(&arguments.file, super::quiet())?;
     if let Some(path) = &arguments.group {
         recording.header.group = Some(super::input::text(path, "the path of a group file")?);

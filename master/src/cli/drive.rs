@@ -74,6 +74,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             arguments.seconds
         );
     }
+    arguments.record.check(&arguments.target)?;
     let abort = super::abort_on_ctrl_c()?;
     let link = arguments.target.command(&file)?;
     abort.check()?;

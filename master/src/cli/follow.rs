@@ -23,7 +23,7 @@ use serde_json::{Value, json};
 
 use super::output::Progress;
 use super::recorder::{self, RecordTo};
-use super::{Target, json, print_json, print_line, print_note, sync_json};
+use super::{Target, json, print_json, print_line, print_note, refuse_input, sync_json};
 
 const EXAMPLES: &str = "Examples:
   omnibus follow figure-eight --bus sim:groups/tcc-3.toml
@@ -178,6 +178,23 @@ impl Arguments {
         }
     }
 
+    /// Refuses outputs that would replace the group file or the curve's file.
+    fn refuse_inputs(&self) -> anyhow::Result<()> {
+        for (option, path) in [
+            ("--record", &self.record.record),
+            ("--report", &self.report),
+            ("--candump", &self.candump),
+            ("--log", &self.log),
+        ] {
+            let Some(path) = path else { continue };
+            self.target.refuse_output(option, path)?;
+            if let Shape::File(curve) = &self.curve {
+                refuse_input(option, path, curve, "the file of the curve")?;
+            }
+        }
+        Ok(())
+    }
+
     /// The feedback of each drive: without first, where that is wanted for comparison.
     fn feedbacks(&self) -> anyhow::Result<Vec<Option<Feedback>>> {
         let Some(source) = &self.pose else {
@@ -225,6 +242,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if !simulated && (arguments.candump.is_some() || arguments.log.is_some()) {
         usage!("--candump and --log are for simulated buses; use candump itself");
     }
+    arguments.refuse_inputs()?;
     let abort = super::abort_on_ctrl_c()?;
     let (mut runs, mut syncs, mut recorded) = (Vec::new(), Vec::new(), Ok(()));
     for (n, feedback) in feedbacks.iter().enumerate() {

@@ -10,7 +10,7 @@ use ros::names::Frames;
 use serde_json::json;
 
 use super::output::{self, Found};
-use super::{Target, json, print_json, print_line, print_note};
+use super::{Target, json, print_json, print_line, print_note, refuse_input};
 
 mod draw;
 mod new;

@@ -1,6 +1,6 @@
 //! `omnibus lock` and `omnibus unlock`: a key that guards parameters and images of robots.
 
-use std::io::{Read as _, Write as _};
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
@@ -157,14 +157,13 @@ fn finish(wire: &mut BusWire, nodes: &[u8]) -> anyhow::Result<()> {
 }
 
 fn read(path: &Path) -> anyhow::Result<Key> {
-    let bytes = if path == Path::new("-") {
-        let mut bytes = Vec::new();
-        std::io::stdin().read_to_end(&mut bytes).map(|_| bytes)
-    } else {
-        std::fs::read(path)
-    };
     let give = "the file with the key; `omnibus lock --set-key FILE --new` makes one";
-    let bytes = input::named(bytes, path, give)?;
+    let bytes = if path == Path::new("-") {
+        let read = ::group::input::limited(std::io::stdin().lock(), input::LARGEST);
+        input::named(read, path, give)?
+    } else {
+        input::bytes(path, give)?
+    };
     lock::key(&bytes).map_err(|problem| Usage(format!("{}: {problem}", path.display())).into())
 }
 
@@ -176,8 +175,13 @@ fn new_key(path: &Path) -> anyhow::Result<Key> {
     options.write(true).create_new(true);
     #[cfg(unix)]
     std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
-    let file = options.open(path);
-    let mut file = file.with_context(|| format!("cannot create {}", path.display()))?;
+    let mut file = options.open(path).map_err(|error| {
+        let remedy = match error.kind() {
+            std::io::ErrorKind::AlreadyExists => "; without --new this key is set",
+            _ => "",
+        };
+        anyhow::anyhow!("cannot create {} ({error}){remedy}", path.display())
+    })?;
     file.write_all(&key)
         .with_context(|| format!("cannot write {}", path.display()))?;
     print_note(format_args!(

@@ -141,6 +141,14 @@ impl Target {
         }
     }
 
+    /// Refuses to write to the group file in use; `option` is what names the output.
+    pub fn refuse_output(&self, option: &str, output: &Path) -> anyhow::Result<()> {
+        match self.group_path() {
+            Ok(group) => refuse_input(option, output, group, "the group file in use"),
+            Err(_) => Ok(()),
+        }
+    }
+
     /// Opens the bus for a command that needs to know no group.
     pub fn link_if_any(&self, group: Option<&GroupFile>) -> anyhow::Result<Box<dyn Link>> {
         match (&self.bus, group) {
@@ -270,6 +278,18 @@ impl Target {
             real => Ok(omnibus::bus::open(real, group)?),
         }
     }
+}
+
+/// Refuses to write to a file that the command reads; `what` says which one that is.
+pub fn refuse_input(option: &str, output: &Path, input: &Path, what: &str) -> anyhow::Result<()> {
+    // A terminal is in and out; only an ordinary file would be lost.
+    if output.is_file() && is_same(output, input) {
+        usage!(
+            "{option} {}: this is {what}, which would be replaced; give another file",
+            output.display()
+        );
+    }
+    Ok(())
 }
 
 /// Whether two paths lead to one file.

@@ -254,6 +254,15 @@ impl CableLosses {
     }
 }
 
+/// A robot's code as the table shows it, if it is known. Outside of OPERATIONAL a robot stands by
+/// command, so what limits it there is no finding.
+fn shown_code(nmt: Option<NmtState>, code: u16) -> Option<Code> {
+    match Code::from_code(code) {
+        Some(Code::Limit(_)) if nmt != Some(NmtState::Operational) => Some(Code::None),
+        code => code,
+    }
+}
+
 /// The error that no robot answers, with the adapter's diagnosis.
 fn no_answer(target: &Target, wire: &mut Wire<Box<dyn omnibus::bus::link::Link>>) -> anyhow::Error {
     let diagnosis = wire.diagnosis().unwrap_or_else(|| {
@@ -374,6 +383,8 @@ pub fn status(arguments: &Status) -> anyhow::Result<()> {
                 .map_or_else(|| "?".into(), omnibus::session::sdo::show))
         };
         let supply = read(address::SUPPLY, Kind::F32)?;
+        // 0 is what a robot without the divider says.
+        let supply_v = supply.parse::<f32>().ok().filter(|volts| *volts != 0.0);
         let stops = read(address::STOPS, Kind::U32)?;
         let state = robot
             .state
@@ -382,7 +393,7 @@ pub fn status(arguments: &Status) -> anyhow::Result<()> {
         let losses = CableLosses::read(&mut wire, node)?;
         let mut row = json!({"node": node, "answers": true, "nmt": state_name(robot.nmt),
                              "state": state, "code": robot.code, "text": robot.code_text(),
-                             "supply_v": supply.parse::<f32>().ok(),
+                             "supply_v": supply_v,
                              "stops": stops.parse::<u32>().ok(),
                              "last_fault": last.as_ref().map(LastFault::json),
                              "cable": losses.as_ref().map(CableLosses::json)});
@@ -400,7 +411,7 @@ pub fn status(arguments: &Status) -> anyhow::Result<()> {
             faults.add_rows(history.rows(node));
         }
         rows.push(row);
-        let (name, words) = match Code::from_code(robot.code) {
+        let (name, words) = match shown_code(robot.nmt, robot.code) {
             Some(Code::None) => ("none".into(), None),
             Some(Code::Limit(limit)) => (limit.name().into(), Some(robot.code_text())),
             Some(Code::Fault(fault)) => (fault.name().into(), Some(robot.code_text())),
@@ -425,11 +436,9 @@ pub fn status(arguments: &Status) -> anyhow::Result<()> {
             nmt_word(robot.nmt).into(),
             state,
             name,
-            // 0 is what a robot without the divider says.
-            if supply == "0" {
-                "-".into()
-            } else {
-                format!("{supply} V")
+            match supply_v {
+                None if supply == "0" => "-".into(),
+                _ => format!("{supply} V"),
             },
             stops,
             last.map_or_else(|| "none".into(), |fault| fault.to_string()),
@@ -485,6 +494,17 @@ mod tests {
             json!({"to_cable": 1, "to_bus": 2, "damaged": 3}),
             "{json}"
         );
+    }
+
+    #[test]
+    fn a_limit_is_shown_only_in_operational_and_a_fault_always() {
+        let (limit, fault) = (protocol::Limit::Setpoint, Fault::EncoderDead);
+        let shown = |nmt, code: u16| shown_code(nmt, code);
+        let (ready, running) = (NmtState::PreOperational, NmtState::Operational);
+        assert_eq!(shown(Some(ready), limit.code()), Some(Code::None));
+        assert_eq!(shown(Some(running), limit.code()), Some(Code::Limit(limit)));
+        assert_eq!(shown(Some(ready), fault.code()), Some(Code::Fault(fault)));
+        assert_eq!(shown(None, 0x1234), None);
     }
 
     #[test]

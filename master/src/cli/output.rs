@@ -92,6 +92,14 @@ pub fn print_note(line: impl std::fmt::Display) {
     };
 }
 
+/// Says that an incomplete file of an earlier call was found.
+pub fn print_leftover(found: &std::path::Path, aside: &std::path::Path) {
+    let (found, aside) = (found.display(), aside.display());
+    print_note(format_args!(
+        "{found} is from a call that did not end; it is now {aside}"
+    ));
+}
+
 /// Prints a value as JSON, whatever was asked for.
 pub fn print_json(value: &serde_json::Value) -> anyhow::Result<()> {
     let text = serde_json::to_string_pretty(value).context("cannot write JSON")?;

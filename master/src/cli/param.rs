@@ -299,6 +299,9 @@ fn list(filter: Option<&str>) -> anyhow::Result<()> {
 }
 
 fn dump(output: Option<&PathBuf>, at: &At) -> anyhow::Result<()> {
+    if let Some(path) = output {
+        at.target.refuse_output("--output", path)?;
+    }
     let mut wire = at.target.visit()?;
     let serial = wire
         .read(at.node, address::SERIAL_NUMBER, Kind::U32)?
@@ -464,13 +467,16 @@ fn judge(found: &[Difference], what: &str) -> anyhow::Result<()> {
         print_json(&json!({"differences": differences}))?;
     }
     for one in found {
-        print_line(format_args!(
-            "node {}: {} is {}, {what} has {}",
+        let line = format!(
+            "node {}: {} ({}) is {}, {what} has {} {}",
             one.node,
-            sdo::name(one.at),
+            sdo::full_name(one.at),
+            one.at,
             text(&one.found),
             text(&one.wanted),
-        ))?;
+            sdo::unit(one.at),
+        );
+        print_line(line.trim_end())?;
     }
     if found.is_empty() {
         return print_line(format_args!("all parameters are as in {what}"));

@@ -8,7 +8,7 @@ use serde_json::json;
 
 use super::convert::load;
 use super::output::Progress;
-use super::print_line;
+use super::{print_line, refuse_input};
 
 const PLOT_EXAMPLES: &str = "Examples:
   omnibus plot drive.mcap
@@ -41,6 +41,10 @@ pub struct Report {
 fn write(path: &Path, content: &[u8]) -> anyhow::Result<()> {
     omnibus::file::replace(path, content)
         .with_context(|| format!("cannot write {}", path.display()))
+}
+
+fn refuse_recording(output: &Path, recording: &Path) -> anyhow::Result<()> {
+    refuse_input("--output", output, recording, "the recording itself")
 }
 
 /// What a picture's name asks for.
@@ -79,8 +83,12 @@ pub fn plot(arguments: &Plot) -> anyhow::Result<()> {
             .map(|form| arguments.file.with_extension(form))
             .into();
     }
-    for path in &outputs {
+    // Of a name that was not given, only the recording can be blamed.
+    for path in &arguments.output {
         form(path, "--output")?;
+    }
+    for path in &outputs {
+        refuse_recording(path, &arguments.file)?;
     }
     let recording = load(&arguments.file, super::quiet())?;
     let progress = Progress::endless("drawing");
@@ -104,10 +112,11 @@ pub fn plot(arguments: &Plot) -> anyhow::Result<()> {
 
 /// `omnibus report`.
 pub fn report(arguments: &Report) -> anyhow::Result<()> {
-    let recording = load(&arguments.file, super::quiet())?;
-    let progress = Progress::endless("drawing");
     let path = arguments.output.clone();
     let path = path.unwrap_or_else(|| arguments.file.with_extension("html"));
+    refuse_recording(&path, &arguments.file)?;
+    let recording = load(&arguments.file, super::quiet())?;
+    let progress = Progress::endless("drawing");
     write(&path, page::to_html(&recording)?.as_bytes())?;
     drop(progress);
     if super::json() {

@@ -13,12 +13,20 @@ use super::{Target, print_note};
 pub struct RecordTo {
     /// Records all frames on the bus during the drive; an existing file is replaced.
     #[arg(long, value_name = "FILE.mcap")]
-    record: Option<PathBuf>,
+    pub record: Option<PathBuf>,
     #[command(flatten)]
     rotate: Rotate,
 }
 
 impl RecordTo {
+    /// Refuses a recording that would replace the group file in use.
+    pub fn check(&self, target: &Target) -> anyhow::Result<()> {
+        match &self.record {
+            Some(path) => target.refuse_output("--record", path),
+            None => Ok(()),
+        }
+    }
+
     /// Begins the recording, if one is wanted. The link has `now` on its clock.
     pub fn begin(
         &self,

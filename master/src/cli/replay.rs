@@ -12,7 +12,9 @@ use anyhow::bail;
 use canopen::{Micros, NmtCommand, NmtTarget, client};
 use omnibus::abort::Abort;
 use omnibus::bus::address::BusAddress;
+use omnibus::bus::foreign::Sign;
 use omnibus::bus::link::Link;
+use omnibus::error::MasterError;
 use omnibus::monitor::listener::Listener;
 use omnibus::recording::{Recorded, Recording};
 use protocol::cob;
@@ -82,24 +84,25 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     } else {
         0
     };
-    report(arguments, &recording, frames.len(), sent)
+    report(arguments, &recording, frames.len(), sent)?;
+    if arguments.drive && sent < frames.len() {
+        return Err(MasterError::Aborted.into());
+    }
+    Ok(())
 }
 
-/// What is on the bus: the group after listening for a while, and whether another master talks.
+/// What is on the bus: the group after listening for a while, and the first sign of another master.
 struct Traffic {
-    master: bool,
+    master: Option<Sign>,
     armed: Vec<u8>,
 }
 
 fn observe(link: &mut impl Link) -> anyhow::Result<Traffic> {
     let mut listener = Listener::new([]);
-    let mut master = false;
+    let mut master = None;
     let until = Micros(link.now().0 + LISTEN_US);
     while let Some((at, frame)) = link.receive(until)? {
-        master |= matches!(
-            frame.id(),
-            cob::SYNC | cob::GROUP_TWIST | cob::MASTER_HEARTBEAT
-        );
+        master = master.or_else(|| Sign::of(&frame));
         listener.push(at.0 as f64 * 1e-6, &frame);
     }
     let members = listener.now(0.0).members;
@@ -113,8 +116,8 @@ fn observe(link: &mut impl Link) -> anyhow::Result<Traffic> {
 }
 
 fn refuse_if_live(traffic: &Traffic, bus: &BusAddress) -> anyhow::Result<()> {
-    if traffic.master {
-        bail!("{bus}: another master is on the bus; stop it first, or give --force");
+    if let Some(sign) = traffic.master {
+        return Err(MasterError::AnotherMaster(sign).into());
     }
     if let [first, ..] = traffic.armed[..] {
         bail!(

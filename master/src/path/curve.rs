@@ -311,6 +311,7 @@ impl Plan {
             if asked > limit {
                 return Err(MasterError::TooFast {
                     trajectory: self.name.clone(),
+                    is_curve: true,
                     asked,
                     unit,
                     limit_name,

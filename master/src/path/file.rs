@@ -110,7 +110,7 @@ impl Trajectory<f64> for Spline {
 /// Names file and line.
 pub fn read(path: &Path) -> Result<Spline, PathFileError> {
     let name = path.display().to_string();
-    let text = std::fs::read_to_string(path).map_err(|error| PathFileError::Read {
+    let text = group::input::text(path).map_err(|error| PathFileError::Read {
         path: name.clone(),
         problem: error.to_string(),
     })?;

@@ -545,6 +545,7 @@ pub fn slowed(twist: Twist, limits: &group::Limits) -> Option<(Twist, f32)> {
 pub fn check_twist(twist: Twist, limits: &group::Limits) -> Result<(), MasterError> {
     let refused = |asked: f32, unit, limit_name, limit| MasterError::TooFast {
         trajectory: "the velocity".into(),
+        is_curve: false,
         asked,
         unit,
         limit_name,

@@ -140,6 +140,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if let Some(path) = &slip.plot {
         progress::form(path)?;
     }
+    if let Some(path) = &slip.kept {
+        target.refuse_output("--kept", path)?;
+    }
     let settings = slip.settings(&group, arguments.rollers)?;
     let bodies = Body::all(&group);
     if slip.tape && bodies.len() > 1 {

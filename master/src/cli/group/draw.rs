@@ -7,7 +7,7 @@ use anyhow::Context as _;
 use group::{GroupFile, Robot, Wheel};
 use kinematics::Pose;
 
-use super::{json, print_json, print_line};
+use super::{json, print_json, print_line, refuse_input};
 
 const EXAMPLES: &str = "Examples:
   omnibus group draw groups/tcc-2.toml
@@ -37,8 +37,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if path.extension().is_none_or(|end| end != "svg") {
         usage!("--output {}: the name must end in .svg", path.display());
     }
+    refuse_input("--output", path, &arguments.file, "the group file itself")?;
     omnibus::file::replace(path, svg(&group).as_bytes())
         .with_context(|| format!("cannot write {}", path.display()))?;
+    if json() {
+        return print_json(&serde_json::json!({"file": path.display().to_string()}));
+    }
     print_line(path.display())
 }
 

@@ -110,8 +110,14 @@ pub fn calibrate<L: Link>(
     }
     let turning = turns(&bare, settings);
     let checking = checks(&bare, settings);
+    // A tape measures no lag.
+    let lagging = if settings.lag && matches!(instrument, Instrument::Poses(_)) {
+        lag::motions(&bare, settings)
+    } else {
+        Vec::new()
+    };
     let ahead = |rounds: usize| {
-        let turns = (0..rounds).flat_map(|_| &turning);
+        let turns = (0..rounds).flat_map(|_| &turning).chain(&lagging);
         turns.chain(&checking).map(Manoeuvre::lasts)
     };
     journal.ahead(
@@ -171,17 +177,16 @@ pub fn calibrate<L: Link>(
         file.contact_lag = ContactLag::default();
         group.set_config(file.clone());
         group.configure(true)?;
-        let motions = lag::motions(&bare, settings);
-        journal.ahead(motions.iter().chain(&checking).map(Manoeuvre::lasts));
+        journal.ahead(ahead(0));
         journal.depends();
-        if let Some(lag) = lag::find(group, &bodies, &motions, instrument, journal)? {
+        if let Some(lag) = lag::find(group, &bodies, &lagging, instrument, journal)? {
             file.contact_lag = lag;
             file = group_file::rounded(file)?;
         }
     }
     group.set_config(file.clone());
     group.configure(true)?;
-    journal.ahead(ahead(0));
+    journal.ahead(checking.iter().map(Manoeuvre::lasts));
     journal.depends();
     let seen = drive(group, &bodies, &checking, instrument, journal)?;
     for ((outcome, seen), body) in outcomes.iter_mut().zip(&seen).zip(&bodies) {

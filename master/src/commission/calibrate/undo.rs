@@ -95,7 +95,7 @@ impl UndoRecord {
     /// # Errors
     /// When there is none, or it is no such file.
     pub fn load(path: &Path) -> Result<Self, CalibrateError> {
-        let text = std::fs::read_to_string(path).map_err(|error| {
+        let text = group::input::text(path).map_err(|error| {
             file(
                 path,
                 format!("{error}; there is no earlier --write to undo"),

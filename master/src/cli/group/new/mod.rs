@@ -51,7 +51,7 @@ pub struct Arguments {
     #[arg(long)]
     name: Option<String>,
     /// Number of the group on the bus.
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..))]
     group_id: u8,
     /// Position of a robot in the group: x ahead, y left, and heading in degrees if it is not 0.
     /// Repeat for each robot; node ids count up from 2.
