@@ -132,8 +132,8 @@ impl Agreement {
                 continue;
             }
             if own.scale == Scale::ZERO {
-                // Nobody moves. Who permits it has latched the same setpoint: that the plans for it
-                // differ is said all the same, by all of them.
+                // No robot moves. One that permits it has latched the same setpoint: that the plans
+                // for it differ is the fault all the same, in all of them.
                 let permits = has_voted && vote.follows && vote.scale > Scale::ZERO;
                 if permits && vote.sequence == own.sequence && vote.plan != own.plan {
                     return Verdict::Stop(Fault::PlanMismatch);

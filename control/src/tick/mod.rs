@@ -244,7 +244,7 @@ impl Supervision {
         outputs
     }
 
-    /// A tick of a configuration that is new: what nobody has measured before its start is still in
+    /// A tick of a configuration that is new: what has not been measured before its start is still in
     /// time to refuse that.
     #[cold]
     #[inline(never)]

@@ -177,8 +177,7 @@ fn a_start_while_the_brake_engages_releases_it_again() {
     }
 }
 
-/// Nobody takes note of the end of a ramp when the bus side hangs; the drivers stay off all the
-/// same.
+/// No bus side takes note of the end of the ramp when it hangs; the drivers stay off all the same.
 #[test]
 fn after_the_ramp_of_a_starved_robot_the_drivers_stay_off() {
     let mut world = braked();
@@ -220,8 +219,8 @@ fn an_identification_waits_for_the_brake_and_ends_with_it() {
     assert_eq!(status, 2, "done");
 }
 
-/// Before the first start nobody has measured yet whether the wheels turn: with a slope and a brake
-/// that is too weak, the start is refused and the brake stays engaged.
+/// Before the first start it has not been measured whether the wheels turn: with a slope and a
+/// brake that is too weak, the start is refused and the brake stays engaged.
 #[test]
 fn the_first_start_is_refused_while_wheels_turn() {
     let mut world = World::new(&[2]);
