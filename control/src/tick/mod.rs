@@ -244,8 +244,8 @@ impl Supervision {
         outputs
     }
 
-    /// A tick of a configuration that is new: what has not been measured before its start is still in
-    /// time to refuse that.
+    /// A tick of a configuration that is new: what has not been measured before its start is still
+    /// in time to refuse that.
     #[cold]
     #[inline(never)]
     fn look_before_driving(&mut self) {

@@ -179,7 +179,7 @@ by fault 0xFF15.
 
 Of the communication objects those are saved that differ from their defaults, four bytes and the
 value each. A PDO that has been changed takes ten bytes for its identifier, three more if that is not
-the default one, and ten and eight for each entry if it is mapped anew. All together may have 512
+the default one, and ten and eight for each entry if it is mapped again. All together may have 512
 bytes, fewer where most parameters have been written; otherwise the save is refused with 0x08000020
 and nothing is stored. A default identifier is saved as such: it follows the node number.
 ";

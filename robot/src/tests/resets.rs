@@ -32,8 +32,8 @@ fn a_fault_is_said_again_after_an_nmt_reset() {
         let mut world = stopped();
         world.nmt(command, 2);
         world.run(50);
-        let told = [Fault::EmergencyStop.code(); 2];
-        assert_eq!(world.emergencies(2), told, "{command:?}");
+        let codes = [Fault::EmergencyStop.code(); 2];
+        assert_eq!(world.emergencies(2), codes, "{command:?}");
         let last = |is: fn(&Frame) -> bool| world.log.iter().rposition(|(_, frame)| is(frame));
         let boot_up = last(|frame| frame.id() == cob::heartbeat(2) && frame.data() == [0]);
         assert!(boot_up.is_some());
@@ -47,7 +47,7 @@ fn a_fault_is_said_again_after_an_nmt_reset() {
         let state = world.robots[0].bus.state();
         assert_eq!(state, State::Faulted(Fault::EmergencyStop));
         assert_ne!(register(&mut world) & GENERIC, 0);
-        assert_eq!(world.emergencies(2), told);
+        assert_eq!(world.emergencies(2), codes);
         // It is taken back with the start that succeeds.
         world.robots[0].inputs.emergency_stop = false;
         world.run(5);

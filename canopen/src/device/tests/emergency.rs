@@ -275,7 +275,7 @@ fn seventeen_lost_nodes_are_seventeen_errors_that_are_announced_once_each() {
     for node in nodes() {
         heartbeat(&mut bench, node);
     }
-    let told = |bench: &mut Bench| {
+    let announced = |bench: &mut Bench| {
         bench.pass(50);
         let emergencies = bench.frames().into_iter();
         let emergencies = emergencies.filter_map(|frame| Emergency::parse(&frame));
@@ -283,23 +283,23 @@ fn seventeen_lost_nodes_are_seventeen_errors_that_are_announced_once_each() {
             .map(|(_, it)| (it.code, it.info))
             .collect::<Vec<_>>()
     };
-    assert_eq!(told(&mut bench), []);
+    assert_eq!(announced(&mut bench), []);
     bench.pass(49);
     let mut lost = Vec::new();
     for _ in 0..4 {
-        lost.extend(told(&mut bench));
+        lost.extend(announced(&mut bench));
     }
     let expected: Vec<_> = nodes().map(|node| (0x8130, [node, 0, 0, 0, 0])).collect();
     assert_eq!(lost, expected);
-    // All are remembered: an error more is told once, although it comes with every frame.
+    // All are remembered: an error more is announced once, although it comes with every frame.
     bench.receive(0, [1, 0]);
     for _ in 0..3 {
         bench.receive(0x181, [1]);
     }
-    assert_eq!(told(&mut bench), [(0x8210, [1, 1, 2, 0, 0])]);
+    assert_eq!(announced(&mut bench), [(0x8210, [1, 1, 2, 0, 0])]);
     for node in nodes() {
         heartbeat(&mut bench, node);
-        assert_eq!(told(&mut bench), [(0, [0x30, 0x81, node, 0, 0])]);
+        assert_eq!(announced(&mut bench), [(0, [0x30, 0x81, node, 0, 0])]);
         bench
             .write(0x1016, if node == 18 { 5 } else { node }, &[0; 4])
             .unwrap();
