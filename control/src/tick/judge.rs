@@ -16,7 +16,7 @@ const BUS_SILENT_US: u32 = 25_000;
 
 /// A robot whose wheels turn faster is not started, rad/s: well above the rate that a step of a
 /// coarse encoder causes, and slow enough that the loops bring it to rest without full voltage.
-const TURNING_RATE: Rate = Rate::new(0.2);
+pub(super) const TURNING_RATE: Rate = Rate::new(0.2);
 
 impl Supervision {
     /// A new start clears latched faults; a cause that is still present is latched again in the

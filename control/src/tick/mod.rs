@@ -16,6 +16,7 @@ mod identify;
 mod judge;
 mod measure;
 mod motion;
+mod unconfigured;
 
 use identification::{Identification, Outcome};
 use protocol::Fault;
@@ -34,6 +35,7 @@ use crate::time::{Micros, TICK_US};
 use crate::wheel_drive::{Bridge, CurrentDrive, WheelDrive};
 use judge::{live_fault, turns};
 use motion::Motion;
+use unconfigured::Unconfigured;
 
 /// A tick later than this after the last one counts as late, us.
 const LATE_US: u32 = TICK_US + TICK_US / 2;
@@ -80,6 +82,7 @@ struct Supervision {
     outcome: Option<Outcome>,
     /// Ticks in which the configuration, which is new, still only measures.
     unproven: u8,
+    unconfigured: Unconfigured,
     /// Of the voltages in this tick.
     ends: Ends,
     gyro: Gyro,
@@ -110,6 +113,7 @@ impl ControlSide {
                 identification: None,
                 outcome: None,
                 unproven: 0,
+                unconfigured: Unconfigured::new(),
                 ends: Ends::NONE,
                 gyro: Gyro::new(),
                 report: Report::NONE,
@@ -118,12 +122,17 @@ impl ControlSide {
     }
 
     /// Applies a configuration. This switches the outputs off and resets the pose to zero. They
-    /// stay off for nine ticks, in which wheels that turn and a current that is too large are seen.
+    /// stay off for nine ticks, in which a current that is too large is seen, and so are wheels
+    /// that turn or turned before there was a configuration.
     pub fn configure(&mut self, configuration: &Configuration) {
         let side = &mut self.supervision;
         side.safe(false);
         side.identification = None;
         side.unproven = UNPROVEN_TICKS;
+        if self.motion.is_some() {
+            // With a configuration the wheels are measured.
+            side.unconfigured = Unconfigured::new();
+        }
         side.report.configuration = configuration.crc;
         side.report.mode = Mode::Off;
         side.report.current = 0.0;
@@ -179,6 +188,7 @@ impl ControlSide {
         let side = &mut self.supervision;
         let elapsed_us = side.begin(now);
         let previous = side.counts.replace(inputs.encoder_counts);
+        let is_first = previous.is_none();
         let previous = previous.unwrap_or(inputs.encoder_counts);
         if command.start != side.report.start {
             side.acknowledge(command.start, self.motion.as_mut());
@@ -192,6 +202,7 @@ impl ControlSide {
             side.report.gyro = side.gyro.report();
         }
         let Some(motion) = &mut self.motion else {
+            side.unconfigured.note(inputs.encoder_counts, is_first);
             side.report.mode = Mode::Off;
             return side.safe(command.mode == Mode::Ramp);
         };
@@ -224,7 +235,7 @@ impl Supervision {
             motion.on_drive_fault(fault);
         }
         if self.unproven > 0 {
-            self.look_before_driving();
+            self.look_before_driving(motion);
         }
         if command.mode != Mode::Off || self.holds(motion) {
             self.judge(motion, command, &tick);
@@ -248,8 +259,11 @@ impl Supervision {
     /// in time to refuse that.
     #[cold]
     #[inline(never)]
-    fn look_before_driving(&mut self) {
+    fn look_before_driving(&mut self, motion: &Motion) {
         self.unproven -= 1;
+        if self.report.obstacle.is_none() && self.unconfigured.turned(&motion.configuration) {
+            self.report.obstacle = Some(Fault::WheelsTurn);
+        }
         self.look_at_wheels();
     }
 

@@ -225,17 +225,33 @@ fn an_identification_waits_for_the_brake_and_ends_with_it() {
 fn the_first_start_is_refused_while_wheels_turn() {
     let mut world = World::new(&[2]);
     world.configure();
-    let turn = |world: &mut World| {
+    // One wheel at a quarter of a radian a second, or all faster.
+    for (wheels, step) in [(1, 0.25e-3), (4, 4e-3)] {
+        let mut world = World::new(&[2]);
+        world.configure();
+        let turn = |world: &mut World| {
+            let robot = &mut world.robots[0];
+            (0..wheels).for_each(|wheel| robot.angles[wheel] += step);
+            world.step();
+            assert_eq!(world.robots[0].outputs, Outputs::SAFE);
+        };
+        (0..200).for_each(|_| turn(&mut world));
+        world.start();
+        (0..200).for_each(|_| turn(&mut world));
+        let state = world.robots[0].bus.state();
+        assert_eq!(state, State::Faulted(Fault::WheelsTurn));
+    }
+    // Slower ones do not turn, and neither does one that rests on an edge of its encoder.
+    for millis in 0..200 {
         let robot = &mut world.robots[0];
-        (0..4).for_each(|wheel| robot.angles[wheel] += 4e-3);
+        robot.angles[0] += 0.1e-3;
+        robot.stray[1] = i64::from(millis & 1);
         world.step();
-        assert_eq!(world.robots[0].outputs, Outputs::SAFE);
-    };
-    (0..200).for_each(|_| turn(&mut world));
+    }
     world.start();
-    (0..200).for_each(|_| turn(&mut world));
-    let state = world.robots[0].bus.state();
-    assert_eq!(state, State::Faulted(Fault::WheelsTurn));
+    world.run(30);
+    assert_eq!(world.robots[0].bus.state(), State::Armed);
+    world.nmt(NmtCommand::EnterPreOperational, 0);
     // At rest it starts.
     world.run(200);
     world.start();
