@@ -7,9 +7,7 @@
 //! Limit: of more errors than `ACTIVE` the newest takes the place of the one before it, which is
 //! then neither in 0x1001 nor declared over.
 
-use core::num::NonZeroU16;
-
-use heapless::Deque;
+use heapless::{Deque, Vec};
 
 use super::Core;
 use super::heartbeat::MAX_CONSUMERS;
@@ -34,13 +32,10 @@ const WAITING: usize = 8;
 /// An error that is present.
 #[derive(Clone, Copy, PartialEq, Eq)]
 struct Active {
-    code: NonZeroU16,
+    code: u16,
     detail: u8,
     class: u8,
 }
-
-/// One is four bytes, used or not.
-const _: () = assert!(size_of::<Option<Active>>() == 4);
 
 pub(super) struct Emergencies {
     /// 0x1014.
@@ -49,7 +44,7 @@ pub(super) struct Emergencies {
     pub inhibit_100us: u16,
     /// 0x1029, sub-index 1.
     pub behaviour: u8,
-    active: [Option<Active>; ACTIVE],
+    active: Vec<Active, ACTIVE, u8>,
     /// 0x1003, newest first.
     history: [u32; HISTORY],
     history_len: u8,
@@ -70,7 +65,7 @@ impl Emergencies {
             cob_id: default_cob_id(node),
             inhibit_100us: config.emergency_inhibit_100us,
             behaviour: config.error_behaviour,
-            active: [None; ACTIVE],
+            active: Vec::new(),
             history: [0; HISTORY],
             history_len: 0,
             waiting: Deque::new(),
@@ -88,8 +83,7 @@ impl Emergencies {
 
     /// 0x1001.
     pub fn register(&self) -> u8 {
-        let present = self.active.iter().flatten();
-        present.fold(0, |register, error| {
+        self.active.iter().fold(0, |register, error| {
             register | error.class | ErrorClass::Generic as u8
         })
     }
@@ -171,7 +165,7 @@ impl<'a> Errors<'a> {
 
     /// An error has appeared: sends an emergency message with this code and sets the bit of its
     /// class in 0x1001, until [`clear`](Self::clear). Errors with the same code and the same first
-    /// byte of `info` are the same error and announced once. Code 0 is no error and does nothing.
+    /// byte of `info` are the same error and announced once.
     pub fn raise(&mut self, code: u16, class: ErrorClass, info: [u8; 5]) {
         self.core.raise(self.now, code, class, info);
     }
@@ -186,23 +180,20 @@ impl Core {
     /// An error has appeared. If it is present already, nothing happens.
     pub(super) fn raise(&mut self, now: Micros, code: u16, class: ErrorClass, info: [u8; 5]) {
         let [detail, ..] = info;
-        let Some(number) = NonZeroU16::new(code) else {
-            return;
-        };
-        let error = Some(Active {
-            code: number,
+        let error = Active {
+            code,
             detail,
             class: class as u8,
-        });
+        };
         let errors = &mut self.emergencies;
         if errors.active.contains(&error) {
             return;
         }
-        // Kept in any case: otherwise what comes with every frame would be announced every time.
-        let free = errors.active.iter().position(Option::is_none);
-        if let Some(place) = errors.active.get_mut(free.unwrap_or(ACTIVE - 1)) {
-            *place = error;
+        // It takes a place in any case: what comes with every frame is announced once.
+        if errors.active.is_full() {
+            errors.active.pop();
         }
+        let _ = errors.active.push(error);
         let register = errors.register();
         errors.announce(code, register, info);
         errors.remember(code, info);
@@ -219,13 +210,11 @@ impl Core {
     /// An error has gone. If it was not present, nothing happens.
     pub(super) fn clear(&mut self, now: Micros, code: u16, detail: u8) {
         let errors = &mut self.emergencies;
-        let is_it = |place: &&mut Option<Active>| {
-            place.is_some_and(|error| error.code.get() == code && error.detail == detail)
-        };
-        let Some(place) = errors.active.iter_mut().find(is_it) else {
+        let is_it = |error: &Active| error.code == code && error.detail == detail;
+        let Some(place) = errors.active.iter().position(is_it) else {
             return;
         };
-        *place = None;
+        errors.active.swap_remove(place);
         let [low, high] = code.to_le_bytes();
         let register = errors.register();
         errors.announce(0, register, [low, high, detail, 0, 0]);
@@ -234,7 +223,7 @@ impl Core {
 
     /// Whether any error is present: cheap, for paths taken by every frame.
     pub(super) fn has_errors(&self) -> bool {
-        self.emergencies.active.iter().any(Option::is_some)
+        !self.emergencies.active.is_empty()
     }
 
     /// Tells that the device is back on the bus; there is nothing to take back later.
