@@ -355,7 +355,12 @@ class RosTest(unittest.TestCase):
         node = Node(self, *arguments, **settings)
         peer = Peer(namespace)
         watcher = Watcher(peer)
-        until("odom", lambda: "odom" in watcher.look().newest)
+        try:
+            until("odom", lambda: "odom" in watcher.look().newest)
+        except AssertionError as error:
+            ended = node.process.poll()
+            node.end()
+            raise AssertionError(f"{error}; the node had ended with {ended} and wrote {node.said}") from None
         answer = peer.service("start")()
         self.assertTrue(answer.success, answer.message)
         name = settings.get("group", "tcc-2")

@@ -235,6 +235,27 @@ class Links(RosTest):
                 driver.wait()
             watcher.stands()
 
+    def test_a_node_that_was_stopped_and_continued(self):
+        node, peer, watcher = self.started()
+        # As by Ctrl-Z and `fg`, a debugger, or a computer that slept: the kernel ends waits for the network early.
+        for _ in range(2):
+            node.process.send_signal(signal.SIGSTOP)
+            time.sleep(0.3)
+            node.process.send_signal(signal.SIGCONT)
+            # What was on its way is not counted.
+            time.sleep(0.3)
+            watcher.look().newest.clear()
+            until("odom", lambda: "odom" in watcher.look().newest)
+            latched = peer.reader("e_stop", "std_msgs/msg/Bool", latched=True)
+            until("no emergency stop", lambda: [one for one in taken(latched) if not one.data])
+            answer = peer.service("start")()
+            self.assertTrue(answer.success, answer.message)
+            watcher.says("tcc-2", "following")
+            far = watcher.place[0]
+            with Repeated(peer.writer("cmd_vel", STAMPED), lambda: stamped(vx=0.2)):
+                until("motion", lambda: watcher.place[0] > far + 0.1)
+        self.assertEqual(node.end(), 0)
+
     def test_two_groups_on_one_domain(self):
         groups = [self.started("--namespace", name, namespace=f"/{name}", group=group)
                   for name, group in (("left", "tcc-2"), ("right", "tcc-3"))]

@@ -84,6 +84,8 @@ pub struct Tally {
     pub slowed: u64,
     /// Why the last one was refused.
     pub why: Option<String>,
+    /// What has happened to the node itself.
+    pub note: Option<String>,
     /// The smallest factor by which one was slowed down.
     pub factor: Option<f32>,
     /// Who was displaced by whom.
@@ -122,6 +124,10 @@ impl Commands {
             }
             Incoming::Unreadable(why) => {
                 self.refuse(format!("bytes that are not a message: {why}"));
+                Reply::default()
+            }
+            Incoming::Note(what) => {
+                self.tally.note = Some(what);
                 Reply::default()
             }
             Incoming::Refused(message) => {

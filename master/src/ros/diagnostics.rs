@@ -105,6 +105,12 @@ fn velocities(commands: &mut Commands) -> DiagnosticStatus {
             Level::Warn,
             format!("{name} publishes {of} on cmd_vel; see --stamped"),
         ),
+        (
+            None,
+            Tally {
+                note: Some(note), ..
+            },
+        ) => (Level::Warn, note.clone()),
         (None, Tally { why: Some(why), .. }) => (Level::Warn, format!("refused: {why}")),
         (
             None,

@@ -8,6 +8,8 @@
 //!
 //! Only this module names the library, whose interface changes often.
 //!
+//! If a thread of the library ends without an error, [`run`] creates the node once more.
+//!
 //! Limits: the library can panic in many places, also in its own threads. Code that keeps a group
 //! safe therefore never runs in the thread of [`run`] or in the library's threads, and a caller
 //! must treat their end as the end of the node. One of those threads may also hang: [`run`] ends
@@ -21,6 +23,7 @@ mod graph;
 mod peers;
 mod ports;
 mod services;
+mod threads;
 
 use std::pin::Pin;
 use std::time::{Duration, Instant};
@@ -96,6 +99,8 @@ pub enum Incoming {
     },
     /// Bytes on the topic of commands that are none.
     Unreadable(String),
+    /// What has happened to the node itself.
+    Note(String),
     /// A call of a service.
     Call(Call),
     /// A call that must not be followed, and why.
@@ -127,14 +132,41 @@ fn refused(what: &str) -> impl Fn(&dyn std::fmt::Display) -> NodeError + '_ {
 /// When the node cannot be made, or its streams end.
 pub fn run(
     settings: &Settings,
-    outgoing: Receiver<Outgoing>,
+    mut outgoing: Receiver<Outgoing>,
     on: &mut dyn FnMut(Incoming) -> Reply,
 ) -> Result<(), NodeError> {
+    let mut e_stop = None;
+    while run_once(settings, &mut outgoing, &mut e_stop, on)? == Ending::Deaf {
+        on(Incoming::Note(
+            "the DDS library had ended, as when a process is stopped and continued: it was started \
+             again"
+                .into(),
+        ));
+    }
+    Ok(())
+}
+
+/// Why a node was served to its end.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Ending {
+    /// The messages to publish have ended.
+    Asked,
+    /// The library does not receive any more.
+    Deaf,
+}
+
+/// Makes a node and serves it; `e_stop` is the last that was published of it.
+fn run_once(
+    settings: &Settings,
+    outgoing: &mut Receiver<Outgoing>,
+    e_stop: &mut Option<bool>,
+    on: &mut dyn FnMut(Incoming) -> Reply,
+) -> Result<Ending, NodeError> {
     let context = context(&settings.environment)?;
     #[cfg(target_os = "linux")]
     if let Err(error) = filter::guard(settings.environment.domain) {
         // The node does its work without it.
-        on(Incoming::Unreadable(format!(
+        on(Incoming::Note(format!(
             "the kernel does not keep damaged datagrams away: {error}"
         )));
     }
@@ -147,12 +179,16 @@ pub fn run(
     let node = context.new_node(name, options);
     let mut node = node.map_err(|error| refused("the node")(&error))?;
     let topics = Topics::new(&mut node, &settings.description)?;
+    if let Some(data) = *e_stop {
+        topics.publish(Outgoing::EmergencyStop(data));
+    }
     let servers = Servers::new(&context, &mut node, settings.environment.services)?;
     let served = Served {
         topics,
         servers,
         discovery: graph::subscribe(&context, &mut node)?,
         graph: Graph::new(&context, settings),
+        e_stop,
     };
     if settings.stamped {
         let commands = commands::<TwistStamped>(&mut node)?;
@@ -282,26 +318,28 @@ enum Event<'a, M> {
 }
 
 /// The node with all its ends.
-struct Served {
+struct Served<'a> {
     topics: Topics,
     servers: Servers,
     discovery: Subscription<graph::Participant>,
     graph: Graph,
+    e_stop: &'a mut Option<bool>,
 }
 
-impl Served {
+impl Served<'_> {
     fn serve<M: Message + for<'de> Deserialize<'de> + 'static>(
         self,
         commands: &Subscription<M>,
         split: impl Fn(M) -> (Option<Header>, Twist),
-        outgoing: Receiver<Outgoing>,
+        outgoing: &mut Receiver<Outgoing>,
         on: &mut dyn FnMut(Incoming) -> Reply,
-    ) -> Result<(), NodeError> {
+    ) -> Result<Ending, NodeError> {
         let Self {
             topics,
             servers,
             discovery,
             mut graph,
+            e_stop,
         } = self;
         let outgoing = outgoing.map(Event::Publish).chain(iter([Event::End]));
         let commands = commands.async_stream().map(|message| match message {
@@ -320,10 +358,16 @@ impl Served {
         futures::executor::block_on(async {
             while let Some(event) = events.next().await {
                 match event {
-                    Event::End => return Ok(()),
+                    Event::End => return Ok(Ending::Asked),
                     Event::Publish(message) => {
                         // Once a second suffices for who is there.
                         let looks = matches!(message, Outgoing::Diagnostics(_));
+                        if looks && !threads::run() {
+                            return Ok(Ending::Deaf);
+                        }
+                        if let Outgoing::EmergencyStop(data) = message {
+                            *e_stop = Some(data);
+                        }
                         if topics.publish(message) {
                             full_since = None;
                         } else if full_since.get_or_insert_with(Instant::now).elapsed() > HANGS {
