@@ -120,7 +120,7 @@ fn prepare() -> Parts {
         chip: board::chip(),
         clock_wait_ms: board.clock_wait_ms,
         brown_out_level: board.brown_out_level,
-        output_stages: board.output_stages,
+        hardware: board.hardware,
         has_gyro: board.has_gyro,
         slot: updates.slot(),
         device_of_images: update::DEVICE,

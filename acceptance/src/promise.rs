@@ -142,4 +142,27 @@ mod tests {
         assert!(figure("load.bus_side", Column::Ceiling).is_err());
         assert!(figure("skew", Column::Budget).is_err());
     }
+
+    /// The stored run of an emulated board, with which others are compared.
+    #[test]
+    fn the_emulated_board_is_held_to_what_the_page_promises_now() {
+        let run = include_str!("../emulated/level-1.json");
+        let run: serde_json::Value = serde_json::from_str(run).unwrap();
+        let mut compared = 0;
+        for check in run["checks"].as_array().unwrap() {
+            let source = check["source"].as_str().unwrap();
+            for (word, column) in [("budget", Column::Budget), ("ceiling", Column::Ceiling)] {
+                let words = format!("{}: {word} of ", PERFORMANCE.path);
+                let Some(name) = source.strip_prefix(&words) else {
+                    continue;
+                };
+                let promised = figure(name, column).unwrap().value;
+                assert_eq!(check["promised"], promised, "{name}");
+                assert_eq!(check["bound"], format!("at most {promised}"), "{name}");
+                assert!(check["measured"].as_f64().unwrap() <= promised, "{name}");
+                compared += 1;
+            }
+        }
+        assert_eq!(compared, 2, "load and skew");
+    }
 }

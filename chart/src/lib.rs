@@ -220,16 +220,16 @@ impl Chart {
         format!("{width}px {style} rgb({r} {g} {b} / {opacity})")
     }
 
-    /// Draws the chart.
+    /// Draws the chart as a picture of its own, with its legend in it.
     ///
     /// # Errors
     /// When the drawing library refuses; it names the chart.
     pub fn to_svg(&self) -> Result<String, ChartError> {
-        Ok(self.svg(false)?.0)
+        Ok(self.svg(true)?.0)
     }
 
-    /// The same, and where the plot is in it: left, right, top and bottom in the picture's units,
-    /// then the ends of the x axis and of the y axis.
+    /// The chart for a page that shows the legend, and where the plot is in it: left, right, top and
+    /// bottom in the picture's units, then the ends of the x axis and of the y axis.
     fn to_svg_with_plot(&self) -> Result<(String, String), ChartError> {
         let (svg, (across, down)) = self.svg(false)?;
         let ((x0, x1), (y0, y1)) = self.ranges();
@@ -500,6 +500,7 @@ mod tests {
     fn a_legend_stands_below_the_plot_and_within_the_picture() {
         let chart = wheels();
         let (svg, (across, down)) = chart.svg(true).unwrap();
+        assert_eq!(svg, chart.to_svg().unwrap());
         for (n, series) in chart.series.iter().enumerate() {
             let before = svg.split(&series.label).next().unwrap();
             let element = &before[before.rfind("<text").unwrap()..];

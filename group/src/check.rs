@@ -184,6 +184,7 @@ impl Checker<'_> {
         }
         if self.errors.borrow().is_empty() {
             self.robots_accept(&group, numbers.get_ref());
+            self.robots_can_be(&group, numbers.get_ref());
         }
         Ok(group)
     }

@@ -21,6 +21,10 @@ const CRYSTAL_PPM_LIMIT: f64 = 1000.0;
 const ANY: RangeInclusive<f64> = f64::MIN..=f64::MAX;
 const NOT_NEGATIVE: RangeInclusive<f64> = 0.0..=f64::MAX;
 const POSITIVE: RangeInclusive<f64> = f64::MIN_POSITIVE..=f64::MAX;
+/// Voltages of a battery, V.
+const VOLTS: RangeInclusive<f64> = f64::MIN_POSITIVE..=1e3;
+/// Ends of a piece of the floor, m.
+const FLOOR: RangeInclusive<f64> = -1e6..=1e6;
 const SHARE: RangeInclusive<f64> = 0.0..=1.0;
 /// Looks at the plant in a second, which samples of a gyro divide.
 const GYRO_HZ: u32 = 4000;
@@ -220,8 +224,8 @@ impl Checker<'_> {
         for row in rows {
             let (charge, volts) = *row.get_ref();
             let shown = format!("has the row [{charge}, {volts}]");
-            if !(SHARE.contains(&charge) && POSITIVE.contains(&volts)) {
-                let remedy = "give rows [charge 0 to 1, volts above 0]";
+            if !(SHARE.contains(&charge) && VOLTS.contains(&volts)) {
+                let remedy = "give rows [charge 0 to 1, volts above 0 up to 1000]";
                 return Err(self.refuse(row, FIELD, &shown, remedy));
             }
             if curve.last().is_some_and(|(before, _)| *before >= charge) {
@@ -335,14 +339,14 @@ impl Checker<'_> {
         let field = format!("simulation.floor[{index}]");
         let span = |key: &str, raw: &At<(f64, f64)>| {
             let (from, to) = *raw.get_ref();
-            if from.is_finite() && to.is_finite() && from < to {
+            if FLOOR.contains(&from) && FLOOR.contains(&to) && from < to {
                 return Ok((from, to));
             }
             Err(self.refuse(
                 raw,
                 &format!("{field}.{key}"),
                 &format!("is [{from}, {to}]"),
-                "give [from, to] in metres, the smaller first",
+                "give [from, to] in metres, the smaller first, from -1e6 to 1e6",
             ))
         };
         Ok(Patch {

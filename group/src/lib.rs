@@ -32,6 +32,7 @@ mod member;
 mod model;
 mod number;
 mod parameters;
+mod possible;
 pub mod reference;
 mod schema;
 mod simulation;

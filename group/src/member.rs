@@ -123,6 +123,9 @@ impl Checker<'_> {
         let output = self.output_stage(&field, e, d);
         let board = e.board.as_ref().or(d.board.as_ref());
         let board = board.map_or_else(Board::default, |board| *board.get_ref());
+        if board.hardware().current_inputs == 0 {
+            field.measures_no_current(board, &output, e, d);
+        }
         if board == Board::KitF103rc {
             field.fits_kit(&output, e, d);
         }

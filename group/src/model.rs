@@ -6,6 +6,7 @@
 
 use kinematics::{FourWheelGeometry, Pose, VelocityCompensation};
 use protocol::compensation::{ObliqueRow, Row};
+use robot::Hardware;
 
 use serde::Deserialize;
 
@@ -256,6 +257,28 @@ pub enum Board {
     RobomasterC = 2,
     /// A kit's controller with an STM32F103RC.
     KitF103rc = 5,
+}
+
+impl Board {
+    /// Its name in a group file.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::NucleoF446re => "nucleo-f446re",
+            Self::RobomasterC => "robomaster-c",
+            Self::KitF103rc => "kit-f103rc",
+        }
+    }
+
+    /// What robots on it check their configuration against, with the drives of its usual image.
+    #[must_use]
+    pub const fn hardware(self) -> Hardware {
+        match self {
+            Self::NucleoF446re => Hardware::NUCLEO_F446RE,
+            Self::RobomasterC => Hardware::ROBOMASTER_C,
+            Self::KitF103rc => Hardware::KIT_F103RC,
+        }
+    }
 }
 
 /// What turns the wheels, and how a duty is put on the two inputs of a bridge, with the numbers of

@@ -9,8 +9,16 @@ pub fn shown(value: f64) -> String {
     }
 }
 
-/// At most four significant digits behind the point, without zeros at the end.
+/// At most four significant digits behind the point, without zeros at the end; a number that needs
+/// more, or that is whole millions, with its power of ten.
 pub(crate) fn rounded(value: f64) -> String {
+    let is_long = value.abs() > 1e6 && value.abs() < 9e18 && value % 1e6 == 0.0;
+    if value != 0.0 && value.abs() < 1e-3 || is_long {
+        let text = format!("{value:.3e}");
+        let (digits, power) = text.split_once('e').unwrap_or((&text, "0"));
+        let digits = digits.trim_end_matches('0').trim_end_matches('.');
+        return format!("{digits}e{power}");
+    }
     let text = format!("{value:.4}");
     let text = text.trim_end_matches('0').trim_end_matches('.');
     text.to_owned()

@@ -4,8 +4,8 @@
 use kinematics::Twist;
 use protocol::address::{self, Address, motor};
 use protocol::timing::{BIT_RATE, votes_known_us};
-use robot::ConfigurationError;
 use robot::configuration::{RAMP_GRACE, of_values};
+use robot::{ConfigurationError, Hardware};
 use toml::de::{DeTable, DeValue};
 
 use crate::check::Checker;
@@ -22,7 +22,7 @@ const EIGHTHS: i32 = 8;
 const FIXED_POINT_FEEDFORWARD: f64 = 7.999_999_5;
 
 /// Where a key stands in the tree; the start of the file if it is left out.
-fn place(tree: &DeTable<'_>, path: &[&str]) -> usize {
+pub(crate) fn place(tree: &DeTable<'_>, path: &[&str]) -> usize {
     let mut table = tree;
     for (n, key) in path.iter().enumerate() {
         let Some(value) = table.get(*key) else {
@@ -36,7 +36,7 @@ fn place(tree: &DeTable<'_>, path: &[&str]) -> usize {
     0
 }
 
-fn entry(tree: &DeTable<'_>, index: usize) -> usize {
+pub(crate) fn entry(tree: &DeTable<'_>, index: usize) -> usize {
     let list = tree
         .get("robots")
         .and_then(|value| value.get_ref().as_array());
@@ -158,7 +158,12 @@ impl Checker<'_> {
             // own motors stand for it.
             let mut whole = robot.clone();
             whole.control.identified = false;
-            match of_values(parameters(group, &whole, true), robot.node) {
+            let hardware = Hardware {
+                // Which drives a board can have is checked with its keys.
+                output_stages: u8::MAX,
+                ..robot.board.hardware()
+            };
+            match of_values(parameters(group, &whole, true), robot.node, hardware) {
                 Ok(configuration) => {
                     let fastest = |unit| configuration.drivetrain.fastest(unit).into();
                     slowest.add(robot, fastest);

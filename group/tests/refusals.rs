@@ -301,6 +301,18 @@ fn a_kit_with_what_it_is_not_wired_for() {
     );
 }
 
+/// `docs/boards.md`: the RoboMaster board has no inputs for current sensors either.
+#[test]
+fn a_current_sensor_on_a_board_without_inputs() {
+    let entry = "board = \"robomaster-c\"\n\
+                 motor = { output_stage = \"c620\", largest_current = 2, current_scale = 10 }";
+    let text = VALID.replace("compensation = { lateral = 1.033 }", entry);
+    let text = GroupFile::parse("pair.toml", &text).expect_err("must be refused");
+    let expected = "pair.toml:25: robots[1].motor.current_scale: is not for a `robomaster-c`; \
+                    remove it: the board has no inputs for current sensors";
+    assert!(text.to_string().contains(expected), "{text}");
+}
+
 /// Fixed point has no number for 8 V s^2/rad (docs/numbers.md); a robot with floats takes 50.
 #[test]
 fn a_kit_whose_wheels_are_too_heavy_for_fixed_point() {

@@ -156,7 +156,7 @@ fn numbers_out_of_range_are_refused_by_name() {
         (
             "battery = { resistance = 0, curve = [[2, 21]] }",
             "simulation.battery.curve: has the row [2, 21]; give rows [charge 0 to 1, volts above \
-             0]",
+             0 up to 1000]",
         ),
         (
             "backlash_deg = 45",
@@ -206,11 +206,40 @@ fn only_the_contact_plant_knows_floors_and_loads() {
     assert_eq!(
         refusal("plant = \"contact\"\nfloor = [{ x = [2, 1], y = [0, 1], friction = 0.1 }]"),
         "pair.toml:21: simulation.floor[0].x: is [2, 1]; give [from, to] in metres, the smaller \
-         first"
+         first, from -1e6 to 1e6"
     );
     assert_eq!(
         refusal("plant = \"contact\"\nrigid = false\npayload = { mass = 50 }"),
         "pair.toml:22: simulation.payload: lies on robots that are not connected; set rigid = \
          true, or remove it"
     );
+}
+
+/// A motor of 0.8 V s/rad and 0.3 ohm brakes with 2.133 N m s/rad.
+#[test]
+fn robots_that_cannot_be_are_refused() {
+    let refusal = |from: &str, to: &str| {
+        assert_eq!(ROBOTS.matches(from).count(), 1, "{from:?} must occur once");
+        GroupFile::parse("pair.toml", &ROBOTS.replace(from, to))
+            .expect_err("must be refused")
+            .to_string()
+    };
+    for (from, to, expected) in [
+        (
+            "inertia = 0.4",
+            "inertia = 1e-6",
+            "robots[0].motor.inertia: is 1e-6 kg m2: with the rest of the motor a time constant \
+             below 1 ms; give 0.0023 kg m2 or more, or fix `motor`",
+        ),
+        (
+            "half_wheelbase = 0.35",
+            "half_wheelbase = 0.15",
+            "robots[0]: the front left and the rear left wheel are inside each other; fix \
+             half_wheelbase and wheel_radius, or the wheels' places: between the centres of two \
+             wheels in line are at least both radii",
+        ),
+    ] {
+        let found = refusal(from, to);
+        assert!(found.ends_with(expected), "{found}");
+    }
 }

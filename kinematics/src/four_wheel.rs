@@ -171,9 +171,10 @@ impl<S> From<WheelRates<S>> for [S; 4] {
 /// Scales all wheels by one factor so that none exceeds `limit` (rad/s), which keeps the direction
 /// of motion; returns the rates and that factor, 1 when nothing had to give.
 ///
-/// A limit below zero or NaN permits no motion, one of zero none but standing. A NaN or infinite
-/// rate yields the scale 0 and standing wheels. In fixed point the scaled rates are rounded towards
-/// zero.
+/// A limit below zero or NaN permits no motion, and its factor is 0 whatever the rates. A limit of
+/// zero permits standing: for wheels at rest nothing has to give and the factor is 1, for all
+/// others it is 0. A NaN or infinite rate yields the factor 0 and standing wheels. In fixed point
+/// the scaled rates are rounded towards zero.
 ///
 /// ```
 /// use mecanum_kinematics::{WheelRates, desaturate};

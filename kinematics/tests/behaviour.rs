@@ -144,6 +144,8 @@ fn desaturate_stops_on_what_makes_no_sense() {
     let rates = WheelRates::from([10.0, -20.0, 5.0, 0.0]);
     let (still, zero) = (WheelRates::ZERO, 0.0);
     assert_eq!(desaturate(rates, 0.0), (still, zero));
+    assert_eq!(desaturate(still, 0.0), (still, 1.0), "nothing has to give");
+    assert_eq!(desaturate(still, -1.0), (still, zero));
     assert_eq!(desaturate(rates, -1.0), (still, zero));
     assert_eq!(desaturate(rates, f32::NAN), (still, zero));
     for bad in [f32::NAN, f32::INFINITY] {

@@ -130,6 +130,37 @@ fn usage_errors_exit_with_2() {
     }
 }
 
+/// A value that no bus and no group makes right is wrong usage, wherever it is looked at.
+#[test]
+fn values_out_of_range_are_usage_errors_too() {
+    let bus = ["--bus", "sim:groups/tcc-2.toml"];
+    let nowhere = ["--bus", "slcan:/dev/no-such-adapter"];
+    for (option, arguments) in [
+        ("--scale", &["follow", "circle", "--scale", "0"][..]),
+        ("--speed", &["follow", "circle", "--speed", "-1"]),
+        ("--ramp", &["follow", "circle", "--ramp", "0"]),
+        ("--heading", &["follow", "circle", "--heading", "4000"]),
+        ("--repeats", &["follow", "circle", "--repeats", "0"]),
+        ("--speed", &["watch", "--speed", "0"]),
+        ("--turn", &["teleop", "--turn", "0"]),
+        ("--http", &["serve", "--http", "nowhere"]),
+        ("--speed", &["accept", "--wheels-free", "--speed", "0"]),
+        ("lss", &["lss", "set", "1"]),
+        ("--serial", &["lss", "set", "2", "--serial", "xyz"]),
+        ("9999:1", &["param", "get", "9999:1", "--node", "2"]),
+        ("2010:1", &["param", "set", "2010:1", "-1", "--node", "2"]),
+        ("2010:1", &["param", "set", "2010:1", "x", "--node", "2"]),
+        ("2001:1", &["param", "set", "2001:1", "1", "--node", "2"]),
+    ] {
+        let is_alone = ["lss", "param"].contains(&arguments[0]);
+        let output = omnibus(&[arguments, if is_alone { &nowhere } else { &bus }].concat());
+        let message = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {message}");
+        let named = option == "lss" || message.contains(option);
+        assert!(named, "{arguments:?}: {message}");
+    }
+}
+
 /// `nan` passes every comparison that it should fail, so each option has to refuse it by itself.
 #[test]
 fn an_option_that_is_no_number_is_named() {

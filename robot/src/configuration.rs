@@ -23,6 +23,7 @@ use protocol::timing::{BIT_RATE, agreement_delay_us, latest_delay_us};
 use protocol::{Address, MEMBER_MASK, Value, entry};
 
 use crate::compensation::tabulate;
+use crate::hardware::Hardware;
 use crate::parameters::Parameters;
 
 /// Longest ramp while the bus side is silent, s: the watchdog waits no longer.
@@ -54,14 +55,15 @@ impl ConfigurationError {
     }
 }
 
-/// What a robot `node` that has every kind of bridge makes of these values, the others being at
-/// their defaults. Values are not checked against their own limits.
+/// What a robot `node` on this hardware makes of these values, the others being at their defaults.
+/// Values are not checked against their own limits.
 ///
 /// # Errors
 /// As [`build`].
 pub fn of_values(
     values: impl IntoIterator<Item = (Address, Value)>,
     node: u8,
+    hardware: Hardware,
 ) -> Result<Configuration, ConfigurationError> {
     let mut parameters = Parameters::new();
     for (address, value) in values {
@@ -69,18 +71,17 @@ pub fn of_values(
             parameters.set(slot, value);
         }
     }
-    build(&parameters, node, u8::MAX)
+    build(&parameters, node, hardware)
 }
 
-/// Makes the configuration of robot `node`, whose board can drive the bridges of a mask of kinds
-/// ([`control::output_stage::OutputStage::bit`]).
+/// Makes the configuration of robot `node` on this hardware.
 ///
 /// # Errors
 /// The first objection, by address.
 pub fn build(
     parameters: &Parameters,
     node: u8,
-    output_stages: u8,
+    hardware: Hardware,
 ) -> Result<Configuration, ConfigurationError> {
     if let Some(address) = parameters.first_missing() {
         return Err(ConfigurationError::Missing(address));
@@ -96,10 +97,10 @@ pub fn build(
     check_quantities(parameters)?;
     check_supply(parameters)?;
     check_torque(parameters)?;
-    let output_stage = wheel_drives::output_stage(parameters, output_stages)?;
-    let current = current(parameters)?;
+    let output_stage = wheel_drives::output_stage(parameters, hardware.output_stages)?;
+    let current = current(parameters, hardware)?;
     let times = times(parameters, members)?;
-    let encoder_filter = encoder_filter(parameters)?;
+    let encoder_filter = encoder_filter(parameters, hardware)?;
     Ok(Configuration {
         crc: parameters.crc().max(1),
         check: parameters.check(),
@@ -259,23 +260,23 @@ fn rollers(parameters: &Parameters) -> Result<Option<RollerConfiguration>, Confi
     Ok((!configuration.is_ideal()).then_some(configuration))
 }
 
-/// Clocks of 90 MHz for which a channel must keep its level to get through its filter, by 0x202B:1
-/// (RM0390 18.4.7).
+/// Clocks of its timer for which a channel must keep its level to get through its filter, by
+/// 0x202B:1 (RM0390 18.4.7, RM0008 15.4.7).
 const FILTER_CLOCKS: [f32; 16] = [
     0.0, 2.0, 4.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0, 64.0, 80.0, 96.0, 128.0, 160.0, 192.0, 256.0,
 ];
-const FILTER_HZ: f32 = 90e6;
 
 /// The filter of the encoder channels. A level lasts two counts; uneven channels may take one of
 /// them away.
-fn encoder_filter(parameters: &Parameters) -> Result<u8, ConfigurationError> {
+fn encoder_filter(parameters: &Parameters, hardware: Hardware) -> Result<u8, ConfigurationError> {
+    let clock_hz = f32::from(hardware.encoder_clock_mhz) * 1e6;
     let [filter, ..] = parameters.unsigned(at::ENCODER_FILTER).to_le_bytes();
     let clocks = FILTER_CLOCKS.get(usize::from(filter)).copied();
     let turns = parameters.real(at::WHEEL_RATE_MAX) * parameters.real(at::GEAR_RATIO)
         / core::f32::consts::TAU;
     let fits = |place| {
         let counts = turns * encoder_counts(parameters, place);
-        clocks.is_some_and(|clocks| counts * clocks <= FILTER_HZ)
+        clocks.is_some_and(|clocks| counts * clocks <= clock_hz)
     };
     if (0..4).all(fits) {
         Ok(filter)
@@ -381,9 +382,12 @@ fn torque(parameters: &Parameters) -> f32 {
 /// is exact.
 const CURRENT_MARGIN: f32 = 1.25;
 
-/// The sensors of the motors' current, if there are any. They must be able to show more than is
-/// allowed.
-fn current(parameters: &Parameters) -> Result<Option<CurrentConfiguration>, ConfigurationError> {
+/// The sensors of the motors' current, if there are any. The board must have inputs for them, and
+/// they must be able to show more than is allowed.
+fn current(
+    parameters: &Parameters,
+    hardware: Hardware,
+) -> Result<Option<CurrentConfiguration>, ConfigurationError> {
     let scale = parameters.real(at::CURRENT_SCALE);
     if scale == 0.0 {
         return Ok(None);
@@ -392,7 +396,7 @@ fn current(parameters: &Parameters) -> Result<Option<CurrentConfiguration>, Conf
     let offset = parameters.real(at::CURRENT_OFFSET);
     let bound = 4.0 * CURRENT_MARGIN * parameters.real(at::CURRENT_MAX);
     let reach = (FULL_SCALE - offset) * scale * f32::from(inputs);
-    if bound == 0.0 || reach <= bound {
+    if inputs > hardware.current_inputs || bound == 0.0 || reach <= bound {
         return Err(ConfigurationError::Inconsistent(at::CURRENT_SCALE));
     }
     Ok(Some(CurrentConfiguration {

@@ -2,10 +2,11 @@
 
 use boot::Slot;
 use canopen::{CobId, Config, Mapping, NodeId, PdoConfig};
-use control::output_stage::OutputStage;
 use protocol::ENTRIES;
 use protocol::pdos::{PDOS, Pdo};
 use protocol::timing::{HEARTBEAT_MS, SYNC_OVERFLOW};
+
+use crate::hardware::Hardware;
 
 /// What the platform knows about this robot before it is configured.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -29,8 +30,8 @@ pub struct Identity {
     /// Whether the platform stores images, see [`crate::BusSide::image_to_store`]. Without that
     /// there are no objects 0x1010 and 0x1011.
     pub storage: bool,
-    /// Kinds of drives that the board has, a mask of [`OutputStage::bit`].
-    pub output_stages: u8,
+    /// What the board has.
+    pub hardware: Hardware,
     /// The board has a gyro, and TPDO5 is sent.
     pub has_gyro: bool,
     /// Slot of flash that the program runs from; `None` for a robot that has none and takes no
@@ -43,18 +44,6 @@ pub struct Identity {
 impl Identity {
     /// This version, as object 0x2001:2 has it.
     pub const FIRMWARE: u32 = 0x0001_0000;
-
-    /// The kinds of bridges that a board drives with a PWM and a direction a wheel, and with a
-    /// driver enable that it cuts in hardware.
-    pub const SWITCHED: u8 = OutputStage::PwmDirection.bit()
-        | OutputStage::SlowDecay.bit()
-        | OutputStage::LockedAntiphase.bit();
-
-    /// The kinds of bridges that a board drives with two PWMs a wheel.
-    pub const TWO_PWMS: u8 = OutputStage::FastDecay.bit() | OutputStage::BrakeBetween.bit();
-
-    /// The kinds that an image for smart drives has.
-    pub const SMART: u8 = OutputStage::C620.bit() | OutputStage::C610.bit();
 
     /// A robot with this node and serial number, after power-on.
     #[must_use]
@@ -69,7 +58,7 @@ impl Identity {
             clock_wait_ms: 0,
             brown_out_level: 3,
             storage: false,
-            output_stages: Self::SWITCHED,
+            hardware: Hardware::NUCLEO_F446RE,
             has_gyro: false,
             slot: None,
             device_of_images: boot::header::Device {

@@ -104,5 +104,6 @@ fn the_command_lists_runs_and_refuses() {
     assert!(text.contains("-2.550 %"), "{text}");
     let page = std::fs::read_to_string(folder.join("report.html")).unwrap();
     assert!(page.contains("turning, set 0.5236 rad/s") && page.contains("<svg"));
-    assert!(folder.join("table-8-1.svg").is_file());
+    let figure = std::fs::read_to_string(folder.join("table-8-1.svg")).unwrap();
+    assert!(figure.contains("paper\n") && figure.contains("table plant\n"));
 }

@@ -33,8 +33,13 @@
 //! `docs/boards.md` has them, and how far they can be believed: no schematic was read. RM0008
 //! rev 21 (chip; remaps 9.3), DS5792 rev 13. Which motor is at which wheel is a choice made here.
 
+use robot::Hardware;
+
 use super::stm32::pin::{pin, pins};
 use super::stm32::wiring::{Analog, Can, Channel, Clocks, Encoder, Wiring};
+
+/// What configurations are checked against.
+pub const HARDWARE: Hardware = Hardware::KIT_F103RC;
 
 /// Pins and clocks of this board.
 pub const WIRING: Wiring = Wiring {

@@ -31,13 +31,13 @@ mod nucleo_g474re;
 mod robomaster_c;
 
 #[cfg(feature = "board-kit-f103rc")]
-use kit_f103rc::WIRING;
+use kit_f103rc::{HARDWARE, WIRING};
 #[cfg(feature = "board-nucleo-f446re")]
-use nucleo_f446re::WIRING;
+use nucleo_f446re::{HARDWARE, WIRING};
 #[cfg(feature = "board-nucleo-g474re")]
 use nucleo_g474re::WIRING;
 #[cfg(feature = "board-robomaster-c")]
-use robomaster_c::WIRING;
+use robomaster_c::{HARDWARE, WIRING};
 
 #[cfg(stm32f1)]
 use stm32f1 as family;

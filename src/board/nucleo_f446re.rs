@@ -50,8 +50,13 @@
 //!
 //! UM1724 rev 15 (board), RM0390 rev 6 (chip), DS10693 rev 10 (alternate functions).
 
+use robot::Hardware;
+
 use super::stm32::pin::{pin, pins};
 use super::stm32::wiring::{Analog, Can, Clocks, Encoder, IN_ORDER, Serial, Wiring};
+
+/// What configurations are checked against.
+pub const HARDWARE: Hardware = Hardware::NUCLEO_F446RE;
 
 /// Pins and clocks of this board.
 #[cfg(not(any(feature = "drives-c620", feature = "two-pwms")))]

@@ -47,8 +47,13 @@
 //! `bsp/spi/bsp_spi.h` of HNUYueLuRM/basic_framework at 12796f8 SPI2 is on the connector with 8
 //! pins. A schematic was not at hand: measure that a level at the header reaches the pin.
 
+use robot::Hardware;
+
 use super::stm32::pin::{pin, pins};
 use super::stm32::wiring::{Analog, Can, Clocks, Gyro, IN_ORDER, Wiring};
+
+/// What configurations are checked against.
+pub const HARDWARE: Hardware = Hardware::ROBOMASTER_C;
 
 /// Pins and clocks of this board.
 pub const WIRING: Wiring = Wiring {

@@ -109,6 +109,11 @@ const NOT_NEGATIVE: Range = Range {
     max: f64::MAX,
 };
 
+/// Above 0, and at most this.
+const fn up_to(max: f64) -> Range {
+    Range { max, ..POSITIVE }
+}
+
 const fn to(min: f64, max: f64) -> Range {
     Range {
         min,

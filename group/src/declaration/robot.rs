@@ -96,7 +96,7 @@ const ENCODER: &[Field] = &[
         "counts",
         POSITIVE,
         "Quadrature counts (lines times 4) per turn of the encoder's shaft; per turn of the wheel \
-         where `gear_ratio` is 1.",
+         where `gear_ratio` is 1. With the gear at least 4 per turn of the wheel.",
     )
     .somewhere()
     .object(at::ENCODER_COUNTS, 1.0),
@@ -129,28 +129,29 @@ const MOTOR: &[Field] = &[
     number(
         "constant",
         "V s/rad",
-        POSITIVE,
+        to(1e-4, 100.0),
         "Back-EMF constant; the same number is the torque constant in N m/A.",
     )
     .somewhere(),
-    number("resistance", "ohm", POSITIVE, "Resistance of the winding.").somewhere(),
+    number("resistance", "ohm", to(1e-4, 1e4), "Resistance of the winding.").somewhere(),
     number(
         "inductance",
         "H",
-        NOT_NEGATIVE,
+        to(0.0, 1.0),
         "Inductance of the winding; for simulations.",
     )
     .or(default::INDUCTANCE),
     number(
         "inertia",
         "kg m2",
-        POSITIVE,
+        to(1e-8, 1e5),
         "Inertia that one motor turns: rotor, gear, wheel, and a quarter of the robot's mass times the \
-         wheel's radius squared.",
+         wheel's radius squared. Its mechanical time constant with `constant`, `resistance` and \
+         `viscous` is at least 1 ms.",
     )
     .somewhere(),
-    number("friction", "N m", NOT_NEGATIVE, "Dry friction.").or(default::FRICTION),
-    number("viscous", "N m s/rad", NOT_NEGATIVE, "Viscous friction.").or(default::VISCOUS),
+    number("friction", "N m", to(0.0, 1e4), "Dry friction.").or(default::FRICTION),
+    number("viscous", "N m s/rad", to(0.0, 1e4), "Viscous friction.").or(default::VISCOUS),
     field(
         "directions",
         Kind::Numbers(Some(4)),

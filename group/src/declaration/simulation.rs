@@ -1,6 +1,6 @@
 //! Keys of `[simulation]` and its tables, which real robots ignore.
 
-use super::{ANY, Field, Kind, NOT_NEGATIVE, POSITIVE, field, number, to};
+use super::{Field, Kind, field, number, to, up_to};
 use crate::check::default;
 
 pub(super) const SIMULATION: &[Field] = &[
@@ -41,15 +41,16 @@ pub(super) const SIMULATION: &[Field] = &[
          antiphase driver.",
     )
     .otherwise("what `output_stage` is for"),
-    number("friction", "", POSITIVE, "Friction of rollers on the floor; contact plant only.")
+    number("friction", "", up_to(10.0), "Friction of rollers on the floor; contact plant only.")
         .otherwise("the plant's own"),
-    number("robot_mass", "kg", POSITIVE, "Mass of a robot; contact plant only.")
+    number("robot_mass", "kg", to(1e-3, 1e6), "Mass of a robot; contact plant only.")
         .otherwise("the plant's own"),
     number(
         "wheel_inertia",
         "kg m2",
-        POSITIVE,
-        "Inertia that turns with a wheel, so that the floor's forces act on the motors; contact plant only.",
+        to(1e-8, 1e5),
+        "Inertia that turns with a wheel, so that the floor's forces act on the motors; contact plant \
+         only. The same time constant as with `motor.inertia` is at least 1 ms.",
     )
     .otherwise("wheels turn by their motors alone"),
     field(
@@ -76,11 +77,12 @@ const BATTERY: &[Field] = &[
     number(
         "resistance",
         "ohm",
-        NOT_NEGATIVE,
+        to(0.0, 1e3),
         "Internal resistance and wiring.",
     )
     .required(),
-    number("capacity_ah", "Ah", POSITIVE, "Charge when full.").otherwise("it never discharges"),
+    number("capacity_ah", "Ah", to(1e-3, 1e6), "Charge when full.")
+        .otherwise("it never discharges"),
     number(
         "charge",
         "",
@@ -108,7 +110,7 @@ const ENCODER_NOISE: &[Field] = &[
     number(
         "extra_per_s",
         "1/s",
-        NOT_NEGATIVE,
+        to(0.0, 1e6),
         "Random counts of either sign.",
     )
     .or(0.0),
@@ -128,21 +130,21 @@ const ENCODER_FAULT: &[Field] = &[
         "A broken cable, one silent channel, or channels swapped.",
     )
     .required(),
-    number("at", "s", NOT_NEGATIVE, "When, in virtual time.").or(0.0),
+    number("at", "s", to(0.0, 1e9), "When, in virtual time.").or(0.0),
 ];
 
 const POSE_NOISE: &[Field] = &[
     number(
         "position_mm",
         "mm",
-        NOT_NEGATIVE,
+        to(0.0, 1e4),
         "Standard deviation of either coordinate.",
     )
     .or(0.0),
     number(
         "heading_mrad",
         "mrad",
-        NOT_NEGATIVE,
+        to(0.0, 1e4),
         "Standard deviation of the heading.",
     )
     .or(0.0),
@@ -159,31 +161,37 @@ const GYRO: &[Field] = &[
     number(
         "noise_dps_rthz",
         "degrees/s/sqrt(Hz)",
-        NOT_NEGATIVE,
+        to(0.0, 1000.0),
         "Density of its noise.",
     )
     .or(0.005),
-    number("bias_dps", "degrees/s", ANY, "Its output at rest.").or(0.5),
+    number(
+        "bias_dps",
+        "degrees/s",
+        to(-2000.0, 2000.0),
+        "Its output at rest.",
+    )
+    .or(0.5),
     number(
         "drift_dps_rts",
         "degrees/s/sqrt(s)",
-        NOT_NEGATIVE,
+        to(0.0, 1000.0),
         "Random walk of the bias.",
     )
     .or(3e-4),
-    number("delay_ms", "ms", NOT_NEGATIVE, "Delay of its samples.").or(4.0),
+    number("delay_ms", "ms", to(0.0, 1000.0), "Delay of its samples.").or(4.0),
 ];
 
 const PAYLOAD: &[Field] = &[
-    number("mass", "kg", POSITIVE, "Its mass.").required(),
+    number("mass", "kg", to(1e-3, 1e6), "Its mass.").required(),
     number(
         "x",
         "m",
-        ANY,
+        to(-1e3, 1e3),
         "Its centre of mass in the group frame, ahead.",
     )
     .or(0.0),
-    number("y", "m", ANY, "The same, to the left.").or(0.0),
+    number("y", "m", to(-1e3, 1e3), "The same, to the left.").or(0.0),
 ];
 
 const PATCH: &[Field] = &[
@@ -193,5 +201,5 @@ const PATCH: &[Field] = &[
     field("y", Kind::Numbers(Some(2)), "From and to, in the world.")
         .unit("m")
         .required(),
-    number("friction", "", POSITIVE, "Friction there.").required(),
+    number("friction", "", up_to(10.0), "Friction there.").required(),
 ];

@@ -1,8 +1,8 @@
 //! Motor drivers, brake and current sensor of a robot, as a file gives them; every key has a
 //! default.
 
-use super::{At, Checker, Member, Range, Value, schema};
-use crate::model::{CurrentSensor, OutputStage, StageKind};
+use super::{Checker, Member, Range, Value, schema};
+use crate::model::{Board, CurrentSensor, OutputStage, StageKind};
 
 /// End of the range of a measuring input, V.
 const FULL_SCALE: f32 = 3.3;
@@ -108,6 +108,11 @@ impl Checker<'_> {
     }
 }
 
+/// What is wrong with a key that asks for what the board does not have.
+fn not_for(board: Board) -> String {
+    format!("is not for a `{}`", board.name())
+}
+
 impl Member<'_, '_> {
     /// Refuses what a kit's board is not wired for (docs/boards.md).
     pub(super) fn fits_kit(&self, output: &OutputStage, e: &schema::Entry, d: &schema::Defaults) {
@@ -115,22 +120,30 @@ impl Member<'_, '_> {
         if !output.kind.has_two_pwms() {
             let remedy = "give `in-in-brake` or `in-in-fast`: its bridges have two PWMs a wheel";
             let (own, shared) = (&own.output_stage, &shared.output_stage);
-            self.not_for_kit("motor.output_stage", own, shared, remedy);
-        }
-        if output.current_sensor.is_some() {
-            let remedy = "remove it: the board has no inputs for current sensors";
-            let (own, shared) = (&own.current_scale, &shared.current_scale);
-            self.not_for_kit("motor.current_scale", own, shared, remedy);
+            let problem = not_for(Board::KitF103rc);
+            self.refuse("motor.output_stage", own, shared, &problem, remedy);
         }
         if e.rollers.is_some() || d.rollers.is_some() {
             let remedy = "remove it: the board has no index inputs, so the rollers' phase is \
                           never known";
-            self.not_for_kit("rollers", &e.rollers, &d.rollers, remedy);
+            let problem = not_for(Board::KitF103rc);
+            self.refuse("rollers", &e.rollers, &d.rollers, &problem, remedy);
         }
     }
 
-    fn not_for_kit<T>(&self, key: &str, own: &Option<At<T>>, shared: &Option<At<T>>, remedy: &str) {
-        self.refuse(key, own, shared, "is not for a `kit-f103rc`", remedy);
+    /// Refuses a current sensor on a board that has no input for one.
+    pub(super) fn measures_no_current(
+        &self,
+        board: Board,
+        output: &OutputStage,
+        e: &schema::Entry,
+        d: &schema::Defaults,
+    ) {
+        if output.current_sensor.is_some() {
+            let remedy = "remove it: the board has no inputs for current sensors";
+            let (own, shared) = (&e.motor.current_scale, &d.motor.current_scale);
+            self.refuse("motor.current_scale", own, shared, &not_for(board), remedy);
+        }
     }
 
     /// A whole number within bounds.

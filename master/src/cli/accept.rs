@@ -259,6 +259,9 @@ fn on_stands(
         bail!("--node {watched}: group '{}' has no such robot", group.name);
     }
     let limit = group.limits.linear_speed;
+    if arguments.speed < 0.1 {
+        usage!("--speed: {} m/s is not 0.1 m/s or more", arguments.speed);
+    }
     if !(arguments.speed >= 0.1 && arguments.speed <= limit) {
         bail!(
             "--speed: {} m/s is not between 0.1 and the group's limits.linear_speed, {limit} m/s",

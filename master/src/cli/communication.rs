@@ -2,7 +2,6 @@
 //! CANopen device of a robot answers for them. They are only read here; their names are those of
 //! the data sheet.
 
-use anyhow::bail;
 use omnibus::bus::link::Link;
 use omnibus::bus::wire::Wire;
 use protocol::Address;
@@ -27,7 +26,7 @@ pub fn find(text: &str) -> Option<Address> {
 pub fn name(at: Address) -> anyhow::Result<String> {
     let mut name = String::new();
     if canopen::eds::name(&mut name, at.index, at.sub).is_err() {
-        bail!("there is no object {at}; docs/omnibus.eds lists the communication objects");
+        usage!("there is no object {at}; docs/omnibus.eds lists the communication objects");
     }
     Ok(name)
 }

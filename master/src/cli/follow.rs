@@ -23,7 +23,7 @@ use serde_json::{Value, json};
 
 use super::output::Progress;
 use super::recorder::{self, RecordTo};
-use super::{Target, json, print_json, print_line, print_note, refuse_input, sync_json};
+use super::{Target, Usage, json, print_json, print_line, print_note, refuse_input, sync_json};
 
 const EXAMPLES: &str = "Examples:
   omnibus follow figure-eight --bus sim:groups/tcc-3.toml
@@ -230,6 +230,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let target = &arguments.target;
     let group = target.group()?;
     let course = arguments.course();
+    course.check().map_err(|error| Usage(error.to_string()))?;
     let name = course.name();
     let feedbacks = arguments.feedbacks()?;
     let simulated = matches!(target.bus, BusAddress::Sim(_));

@@ -1,6 +1,6 @@
 //! `omnibus lss scan|set`: node ids over the bus.
 
-use anyhow::{Context as _, bail};
+use anyhow::bail;
 use canopen::{Identity, NmtCommand, NmtTarget, NodeId, client};
 use omnibus::commission::lss;
 use omnibus::commission::survey::Survey;
@@ -36,8 +36,8 @@ pub enum Command {
         /// The node id, 2 to 17.
         node: u8,
         /// Serial number of the robot, hexadecimal; needed when several have no node id.
-        #[arg(long, conflicts_with = "now")]
-        serial: Option<String>,
+        #[arg(long, conflicts_with = "now", value_parser = hexadecimal)]
+        serial: Option<u32>,
         /// The node id that the robot has now.
         #[arg(long)]
         now: Option<u8>,
@@ -62,7 +62,7 @@ pub fn run(command: &Command) -> anyhow::Result<()> {
             store,
             reset,
             target,
-        } => set(target, *node, serial.as_deref(), *now, *store, *reset),
+        } => set(target, *node, *serial, *now, *store, *reset),
     }
 }
 
@@ -106,14 +106,14 @@ fn scan(target: &Target) -> anyhow::Result<()> {
 fn set(
     target: &Target,
     node: u8,
-    serial: Option<&str>,
+    serial: Option<u32>,
     now: Option<u8>,
     store: bool,
     reset: bool,
 ) -> anyhow::Result<()> {
     let wanted = NodeId::new(node).filter(|_| protocol::is_robot(node));
     let Some(wanted) = wanted else {
-        bail!("{node} is not a node id of robots; give 2 to 17");
+        usage!("{node} is not a node id of robots; give 2 to 17");
     };
     let mut wire = target.exclusive()?;
     let survey = Survey::take(&mut wire, None)?;
@@ -148,11 +148,14 @@ fn set(
     Ok(())
 }
 
+fn hexadecimal(text: &str) -> Result<u32, String> {
+    u32::from_str_radix(text.trim_start_matches("0x"), 16)
+        .map_err(|_| "give a hexadecimal number of at most 8 digits".to_owned())
+}
+
 /// The robot that is meant.
-fn pick(found: &[Identity], serial: Option<&str>) -> anyhow::Result<Identity> {
-    if let Some(text) = serial {
-        let number = u32::from_str_radix(text.trim_start_matches("0x"), 16)
-            .with_context(|| format!("--serial: '{text}' is not a hexadecimal number"))?;
+fn pick(found: &[Identity], serial: Option<u32>) -> anyhow::Result<Identity> {
+    if let Some(number) = serial {
         return match found.iter().find(|identity| identity.serial == number) {
             Some(identity) => Ok(*identity),
             None => bail!("--serial: no robot without a node id has serial {number:08X}"),

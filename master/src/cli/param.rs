@@ -14,8 +14,8 @@ use serde_json::json;
 use super::output::Found;
 use super::param_text::{find, parse};
 use super::{
-    Target, abort_on_ctrl_c, communication, json, output, param_file, print_json, print_line,
-    print_note,
+    Target, Usage, abort_on_ctrl_c, communication, json, output, param_file, print_json,
+    print_line, print_note,
 };
 
 const EXAMPLES: &str = "Examples:
@@ -138,7 +138,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             if let Some(address) = communication::find(object) {
                 return communication::get(address, at.node, || at.target.visit());
             }
-            let object = find(object)?;
+            let object = find(object).map_err(wrong)?;
             let mut wire = at.target.visit()?;
             if object.kind == Kind::Domain {
                 let bytes = param_file::hex(&wire.read_block(at.node, object.address)?);
@@ -227,12 +227,17 @@ fn print_value(node: u8, object: &Object, value: &serde_json::Value) -> anyhow::
     print_line(line.trim_end())
 }
 
+/// What is wrong with an object or a value on the command line.
+fn wrong(error: anyhow::Error) -> Usage {
+    Usage(format!("{error:#}"))
+}
+
 fn set(object: &str, value: &str, at: &At) -> anyhow::Result<()> {
-    let object = find(object)?;
+    let object = find(object).map_err(wrong)?;
     if matches!(object.access, Access::Const | Access::ReadOnly) {
-        bail!("{} can only be read", sdo::name(object.address));
+        usage!("{} can only be read", sdo::name(object.address));
     }
-    let value = parse(object, value)?;
+    let value = parse(object, value).map_err(wrong)?;
     let mut wire = at.target.visit()?;
     wire.write_checked(at.node, object.address, value)?;
     print_value(at.node, object, &number(value))?;

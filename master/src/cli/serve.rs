@@ -11,7 +11,7 @@ use omnibus::serve::page_state::{PageState, operate};
 use omnibus::serve::server::{self, Access};
 use serde_json::json;
 
-use super::{Target, input, print_line};
+use super::{Target, Usage, input, print_line};
 
 /// A token of one's own must be at least this long.
 const SHORTEST_TOKEN: usize = 12;
@@ -83,11 +83,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             target.backend
         );
     }
-    let mut addresses = arguments.http.to_socket_addrs().with_context(|| {
-        format!(
-            "--http {}: give ADDRESS:PORT, for example 127.0.0.1:8080",
+    let mut addresses = arguments.http.to_socket_addrs().map_err(|error| {
+        Usage(format!(
+            "--http {}: {error}; give ADDRESS:PORT, for example 127.0.0.1:8080",
             arguments.http
-        )
+        ))
     })?;
     let Some(address) = addresses.next() else {
         bail!("--http {}: no such address", arguments.http);

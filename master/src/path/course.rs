@@ -93,12 +93,11 @@ impl Course {
         }
     }
 
-    /// The motion from rest to rest.
+    /// Checks the numbers, for which no file has to be read.
     ///
     /// # Errors
-    /// When a number makes no sense, the file cannot be read, a path that is not closed is to be
-    /// repeated, or the heading follows a direction of travel that is not there.
-    pub fn plan(&self) -> Result<Plan, CourseError> {
+    /// When one of them is out of its range.
+    pub fn check(&self) -> Result<(), CourseError> {
         for (name, value, low, high) in [
             ("--ramp", self.ramp, 0.1, 60.0),
             ("--scale", self.scale, 0.01, 100.0),
@@ -115,6 +114,16 @@ impl Course {
                 });
             }
         }
+        Ok(())
+    }
+
+    /// The motion from rest to rest.
+    ///
+    /// # Errors
+    /// When a number makes no sense, the file cannot be read, a path that is not closed is to be
+    /// repeated, or the heading follows a direction of travel that is not there.
+    pub fn plan(&self) -> Result<Plan, CourseError> {
+        self.check()?;
         let path: Motion = match &self.shape {
             Shape::Named(curve) => Motion(Box::new(curve.motion())),
             Shape::File(path) => Motion(Box::new(file::read(path)?)),

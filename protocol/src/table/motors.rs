@@ -50,7 +50,8 @@ records! { TORQUE_RECORDS:
         CURRENT_SCALE = 3: parameter("Current scale", "A/V", real(0.0, 1000.0, 0.0)),
             "Current per voltage at a current sensor's input; 0: none is connected. More than 1.25 \
              times what four motors may take (0x2026:2), or an input at the end of its range, for \
-             20 ms is fault OverCurrent. The range must reach that far.";
+             20 ms is fault OverCurrent. The range must reach that far. Refused by boards that have \
+             no input for a sensor.";
         CURRENT_OFFSET = 4: parameter("Current offset", "V", real(0.0, 3.3, 0.0)),
             "Voltage at the input without current: 0 for a shunt, half of the range for most Hall \
              sensors.";
@@ -121,9 +122,10 @@ records! { ROLLER_REFERENCE_RECORDS:
 records! { ENCODER_INPUTS_RECORDS:
     0x202B "Encoder inputs" {
         ENCODER_FILTER = 1: parameter("Filter", "", byte(0, 15, 3)),
-            "Digital filter of the encoder channels, ICxF of RM0390 18.4.7 at 90 MHz: a level \
-             counts once it has lasted 0, 2, 4, 8, 12, 16, 24, 32, 48, 64, 80, 96, 128, 160, 192 \
-             or 256 clocks of 11.1 ns; 3 is 89 ns. Refused where the counts at the maximum wheel \
-             rate come faster than one in that time.";
+            "Digital filter of the encoder channels, ICxF of RM0390 18.4.7: a level counts once it \
+             has lasted 0, 2, 4, 8, 12, 16, 24, 32, 48, 64, 80, 96, 128, 160, 192 or 256 clocks of \
+             the timers, at 90 MHz 11.1 ns each, on the kit at 72 MHz 13.9 ns; 3 is 89 ns or 111 \
+             ns. Refused where the counts at the maximum wheel rate come faster than one in that \
+             time.";
     }
 }

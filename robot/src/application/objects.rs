@@ -42,8 +42,8 @@ impl Application {
         match self.store.corrupt {
             Some(address) => address.packed() << 8 | 3,
             None => {
-                let (node, stages) = (self.identity.node.get(), self.identity.output_stages);
-                configuration::build(&self.parameters, node, stages)
+                let (node, hardware) = (self.identity.node.get(), self.identity.hardware);
+                configuration::build(&self.parameters, node, hardware)
                     .map_or_else(|error| error.code(), |_| 0)
             }
         }

@@ -34,7 +34,7 @@ impl Application {
         }
         let node = self.identity.node.get();
         // Borrowed, not moved: each move would copy a kilobyte on the stack.
-        let mut built = configuration::build(&self.parameters, node, self.identity.output_stages);
+        let mut built = configuration::build(&self.parameters, node, self.identity.hardware);
         let Ok(configuration) = &mut built else {
             return self.transition(state::Event::StartRefused(Fault::Unconfigured), now);
         };

@@ -5,7 +5,8 @@ use kinematics::Twist;
 use protocol::address::{self as at, motor, rollers};
 use protocol::{Address, Fault, Limit, Value};
 
-use super::world::{SPEED, SUPPLY, World};
+use super::world::{ANY_DRIVES, SPEED, SUPPLY, World};
+use crate::Hardware;
 use crate::configuration::build;
 use crate::state::State;
 use control::interface::Outputs;
@@ -194,6 +195,31 @@ fn too_much_current_cuts_after_20_ms_and_not_before() {
         assert_eq!(state, State::Faulted(Fault::OverCurrent));
         assert_eq!(world.emergencies(2), [0xFF20]);
     }
+}
+
+/// A bound on a current that is not measured would protect nothing.
+#[test]
+fn a_current_sensor_is_refused_where_the_board_has_no_input() {
+    let hardware = Hardware {
+        current_inputs: 0,
+        ..ANY_DRIVES
+    };
+    let mut world = World::on(hardware, &[2]);
+    world.configure();
+    let refused = at::CURRENT_SCALE.packed() << 8 | 2;
+    for (parameters, status) in [(&sensed()[..2], 0), (&sensed()[2..], refused)] {
+        for (address, value) in parameters {
+            assert_eq!(world.write(2, *address, *value), Ok(()), "{address:?}");
+        }
+        assert_eq!(world.read(2, at::CONFIGURATION_STATUS), Ok(status));
+    }
+    world.robots[0].set_supply(SUPPLY);
+    world.start();
+    world.run(30);
+    assert_eq!(
+        world.robots[0].bus.state(),
+        State::Faulted(Fault::Unconfigured)
+    );
 }
 
 /// A wire that is off or shorted refuses a start, too: what is not measured is not bounded.
@@ -424,7 +450,7 @@ fn two_indexes_of_a_smart_drive_may_differ_by_what_their_counts_are_off() {
             world.write(2, address, value).unwrap();
         }
         let parameters = world.robots[0].bus.parameters();
-        let configuration = build(parameters, 2, u8::MAX).unwrap();
+        let configuration = build(parameters, 2, ANY_DRIVES).unwrap();
         let rolling = configuration.drivetrain.rolling().unwrap();
         (
             rolling.rollers().tolerance(),

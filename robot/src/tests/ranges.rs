@@ -10,7 +10,7 @@ use protocol::address::{self as at, motor};
 use protocol::{Address, Value, entry};
 use std::vec::Vec;
 
-use super::world::configuration as usual;
+use super::world::{ANY_DRIVES, configuration as usual};
 use crate::configuration::{ConfigurationError, build};
 use crate::parameters::Parameters;
 
@@ -177,7 +177,7 @@ fn bound(wide: &Wide, twist: Twist<f64>) -> f64 {
 /// Drives a robot whose wheels follow exactly to the fastest that they may, for a tenth of a
 /// second; compares every reference, and returns the ticks that did not fit.
 fn drive(parameters: &Parameters, twist: Twist) -> u32 {
-    let configuration = build(parameters, 2, u8::MAX).unwrap();
+    let configuration = build(parameters, 2, ANY_DRIVES).unwrap();
     let wide = Wide::of(parameters);
     let counts = f64::from(parameters.real(at::ENCODER_COUNTS) * parameters.real(at::GEAR_RATIO));
     let mut side = ControlSide::new();
@@ -243,7 +243,7 @@ fn what_a_robot_accepts_fits_and_what_it_refuses_has_a_name() {
             }
         }
         let parameters = parameters(&tried);
-        match build(&parameters, 2, u8::MAX) {
+        match build(&parameters, 2, ANY_DRIVES) {
             Ok(_) => {}
             Err(ConfigurationError::Missing(address)) => panic!("{address:?}"),
             Err(ConfigurationError::Inconsistent(address)) => {

@@ -5,6 +5,7 @@ use protocol::address::{self as at, history, wheel};
 use protocol::{Limit, Value};
 
 use super::world::{COUNTS, World};
+use crate::Hardware;
 use crate::configuration::build;
 
 /// Half the ordinary robot of the tests; the rest comes from the table.
@@ -79,7 +80,10 @@ fn counts_and_gear_make_the_step() {
     world.configure();
     let step = |world: &World, place: usize| {
         let parameters = world.robots[0].bus.parameters();
-        build(parameters, 2, 1).unwrap().wheels[place].step
+        build(parameters, 2, Hardware::NUCLEO_F446RE)
+            .unwrap()
+            .wheels[place]
+            .step
     };
     let turn = core::f32::consts::TAU;
     assert!((step(&world, 1) / (turn / COUNTS) - 1.0).abs() < 1e-6);

@@ -14,7 +14,7 @@ use control::interface::{Inputs, Outputs};
 use control::quantity::InputVoltage;
 use control::tick::ControlSide;
 
-use crate::{BusSide, Event, Identity};
+use crate::{BusSide, Event, Hardware, Identity};
 
 /// Motor of every wheel, in the units of the feedforward.
 pub const STATIC_FRICTION: f32 = 0.5;
@@ -29,6 +29,12 @@ pub const GROUP: u8 = 5;
 pub const MAX_ACCELERATION: f32 = 1.5;
 pub const DECELERATION: f32 = 1.0;
 pub const JERK: f32 = 20.0;
+
+/// The reference board, with smart drives, too.
+pub const ANY_DRIVES: Hardware = Hardware {
+    output_stages: Hardware::SWITCHED | Hardware::SMART,
+    ..Hardware::NUCLEO_F446RE
+};
 
 pub struct Robot {
     pub node: u8,
@@ -67,13 +73,13 @@ pub struct Robot {
 }
 
 impl Robot {
-    fn new(node: u8) -> Self {
+    fn new(node: u8, hardware: Hardware) -> Self {
         let id = NodeId::new(node).unwrap();
         Self {
             node,
             bus: BusSide::new(Identity {
                 storage: true,
-                output_stages: Identity::SWITCHED | Identity::SMART,
+                hardware,
                 ..Identity::new(id, u32::from(node) * 1000)
             }),
             control: ControlSide::new(),
@@ -195,9 +201,17 @@ pub struct World {
 impl World {
     /// Robots with these nodes, powered, in PRE-OPERATIONAL.
     pub fn new(nodes: &[u8]) -> Self {
+        Self::on(ANY_DRIVES, nodes)
+    }
+
+    /// The same with robots that have this hardware.
+    pub fn on(hardware: Hardware, nodes: &[u8]) -> Self {
         let mut world = Self {
             now: 0,
-            robots: nodes.iter().map(|node| Robot::new(*node)).collect(),
+            robots: nodes
+                .iter()
+                .map(|node| Robot::new(*node, hardware))
+                .collect(),
             sequence: 0,
             twist: None,
             sync: true,

@@ -34,7 +34,8 @@ use protocol::{Fault, StoredFault};
 use robot::lock::{Code, Key, NO_KEY, hmac_sha512};
 use robot::update::{Done, Job};
 use robot::{
-    BusSide, CanErrors, Event, IMAGE_MAX, Identity, Memorable, StoreWear, Stored, stored_node,
+    BusSide, CanErrors, Event, Hardware, IMAGE_MAX, Identity, Memorable, StoreWear, Stored,
+    stored_node,
 };
 
 use self::drives::SmartDrives;
@@ -91,8 +92,8 @@ pub struct NativeRobot {
     driver: Driver,
     /// Its smart drives, with what the group file says of them.
     smart: Option<(group::Robot, SmartDrives)>,
-    /// Kinds of drives that its image has.
-    output_stages: u8,
+    /// What its board and image have.
+    hardware: Hardware,
     /// Its gyro, where its board has one.
     gyro: Option<Bmi088>,
     /// The line of its motor drivers reports a fault.
@@ -162,7 +163,7 @@ impl Live {
         id: NodeId,
         serial: u32,
         clock: Clock,
-        (output_stages, has_gyro): (u8, bool),
+        (hardware, has_gyro): (Hardware, bool),
         flash: Option<&[u8]>,
         wear: StoreWear,
         program: &mut ProgramFlash,
@@ -173,7 +174,7 @@ impl Live {
         let mut bus = BusSide::new(Identity {
             storage: true,
             node_switches: id.get(),
-            output_stages,
+            hardware,
             has_gyro,
             slot: Some(slot),
             firmware: seal.map_or(Identity::FIRMWARE, |seal| seal.version),
@@ -230,7 +231,7 @@ impl NativeRobot {
             serial,
             driver: Driver::default(),
             smart: None,
-            output_stages: Identity::SWITCHED,
+            hardware: Hardware::NUCLEO_F446RE,
             gyro: None,
             driver_fault: false,
             crystal_ppm,
@@ -247,7 +248,7 @@ impl NativeRobot {
                 id,
                 serial,
                 Clock::new(crystal_ppm, 0),
-                (Identity::SWITCHED, false),
+                (Hardware::NUCLEO_F446RE, false),
                 None,
                 StoreWear::default(),
                 &mut program,

@@ -1,6 +1,7 @@
 //! The board of a robot: everything that its tasks use.
 
 use embassy_stm32::pac;
+use robot::Hardware;
 
 use super::can::Can;
 use super::encoders::Encoders;
@@ -16,7 +17,7 @@ use crate::board::family::gyro::Gyro;
 use crate::board::family::meters::Meters;
 use crate::board::family::serial::Serial;
 use crate::board::family::supply;
-use crate::board::{ResetCause, WIRING};
+use crate::board::{HARDWARE, ResetCause, WIRING};
 
 /// Everything the tasks use.
 pub struct Board {
@@ -50,8 +51,8 @@ pub struct Board {
     pub node_switches: u8,
     /// How long the start waited for clock and supply, ms.
     pub clock_wait_ms: u16,
-    /// Kinds of bridges that the outputs can drive.
-    pub output_stages: u8,
+    /// What it has, with the kinds of bridges that the outputs of this image can drive.
+    pub hardware: Hardware,
     /// A gyro is wired.
     pub has_gyro: bool,
     /// Level of the brown-out reset, 0 (off) to 3.
@@ -83,6 +84,15 @@ impl Lines {
         WIRING.protective_stop.is_high()
     }
 }
+
+const _: () = assert!(
+    WIRING.clocks.apb1_timers_hz() == HARDWARE.encoder_clock_mhz as u32 * 1_000_000,
+    "another clock counts the encoders"
+);
+const _: () = assert!(
+    HARDWARE.current_inputs == if WIRING.currents.is_some() { 3 } else { 0 },
+    "the board has other inputs for current sensors"
+);
 
 impl Board {
     /// Sets up clocks, pins and peripherals. To be called once.
@@ -120,7 +130,10 @@ impl Board {
             flash: ParameterFlash::new(),
             node_switches,
             clock_wait_ms,
-            output_stages: outputs::STAGES,
+            hardware: Hardware {
+                output_stages: outputs::STAGES,
+                ..HARDWARE
+            },
             has_gyro: WIRING.gyro.is_some(),
             brown_out_level: supply::brown_out_level(),
             serial: serial(),

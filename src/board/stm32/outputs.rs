@@ -75,14 +75,14 @@ pub struct Outputs {
     enabled: bool,
 }
 
-/// The kinds of drives that the board has, as [`Identity`](robot::Identity) has them. Only
+/// The kinds of drives that the board has, as [`Hardware`](robot::Hardware) has them. Only
 /// where the emergency stop cuts the driver enable in hardware is that enable a safe state.
 pub const STAGES: u8 = if drives::ARE_WIRED {
-    robot::Identity::SMART
+    robot::Hardware::SMART
 } else if TWO_PWMS {
-    robot::Identity::TWO_PWMS
+    robot::Hardware::TWO_PWMS
 } else if WIRING.gate_stop.is_some() {
-    robot::Identity::SWITCHED
+    robot::Hardware::SWITCHED
 } else {
     OutputStage::PwmDirection.bit()
 };

@@ -115,6 +115,11 @@ pub fn teleop(arguments: &Teleop) -> anyhow::Result<()> {
 fn run(live: &Live, gamepad: Option<Gamepad>, steers: bool) -> anyhow::Result<()> {
     let file = live.target.group()?;
     let limits = &file.limits;
+    for (option, value) in [("--speed", live.speed), ("--turn", live.turn)] {
+        if value <= 0.0 {
+            usage!("{option}: {value} is not above 0");
+        }
+    }
     if !(live.speed > 0.0 && live.speed <= limits.linear_speed) {
         bail!(
             "--speed: {} m/s is not between 0 and the group's limits.linear_speed, {} m/s",

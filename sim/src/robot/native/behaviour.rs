@@ -6,7 +6,7 @@ use control::time::Micros;
 use emulator::{Bmi088, GyroDefect};
 use group::Driver;
 use protocol::Fault;
-use robot::Identity;
+use robot::Hardware;
 
 use super::drives::SmartDrives;
 use super::{Clock, Live, NativeRobot, hmac};
@@ -171,12 +171,16 @@ impl Robot for NativeRobot {
 
     fn wire_smart_drives(&mut self, robot: &group::Robot) {
         self.smart = SmartDrives::new(robot, self.now_ns).map(|drives| (robot.clone(), drives));
-        self.output_stages = if self.smart.is_some() {
-            Identity::SMART
+        let output_stages = if self.smart.is_some() {
+            Hardware::SMART
         } else if robot.output.kind.has_two_pwms() {
-            Identity::TWO_PWMS
+            Hardware::TWO_PWMS
         } else {
-            Identity::SWITCHED
+            Hardware::SWITCHED
+        };
+        self.hardware = Hardware {
+            output_stages,
+            ..robot.board.hardware()
         };
         // It runs another image then.
         self.gyro = (robot.board == group::Board::RobomasterC).then(Bmi088::default);
@@ -269,7 +273,7 @@ impl Robot for NativeRobot {
             self.id,
             self.serial,
             clock,
-            (self.output_stages, self.gyro.is_some()),
+            (self.hardware, self.gyro.is_some()),
             self.flash.as_deref(),
             self.wear,
             &mut self.program,

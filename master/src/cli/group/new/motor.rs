@@ -1,7 +1,7 @@
 //! A robot as its owner knows it; from that its motor as seen from the wheel, and the limits that
 //! its wheels can follow.
 
-use anyhow::{Context as _, bail};
+use anyhow::Context as _;
 use group::{RAMP_GRACE, ROOM};
 use kinematics::{FourWheelGeometry, MemberKinematics, Mount, Pose, Twist, VelocityCompensation};
 
@@ -142,7 +142,7 @@ pub(super) const GRAVITY: f64 = 9.81;
 impl Motor {
     pub(super) fn of(robot: &Robot) -> anyhow::Result<Self> {
         if robot.no_load_current >= robot.stall_current {
-            bail!(
+            usage!(
                 "--no-load-current: {} A is not below the stall current, {} A",
                 robot.no_load_current,
                 robot.stall_current
@@ -153,7 +153,7 @@ impl Motor {
         let ideal = constant * (robot.stall_current - robot.no_load_current);
         let efficiency = robot.stall_torque / ideal;
         if efficiency > 1.1 {
-            bail!(
+            usage!(
                 "these motor data contradict each other: at {:.1} A and {:.1} rad/s without load a \
                  motor stalls at {ideal:.3} N m at most, not at {:.3}; check the units, and that \
                  speed and torque are both those of the gear's output shaft",
@@ -163,7 +163,7 @@ impl Motor {
             );
         }
         if efficiency < 0.2 {
-            bail!(
+            usage!(
                 "these motor data contradict each other: a motor of {:.1} A and {:.1} rad/s without \
                  load that stalls at {:.3} N m would lose {:.0} % in its gear; check the units, and \
                  that speed and torque are both those of the gear's output shaft",
