@@ -228,8 +228,8 @@ impl Chart {
         Ok(self.svg(true)?.0)
     }
 
-    /// The chart for a page that shows the legend, and where the plot is in it: left, right, top and
-    /// bottom in the picture's units, then the ends of the x axis and of the y axis.
+    /// The chart for a page that shows the legend, and where the plot is in it: left, right, top
+    /// and bottom in the picture's units, then the ends of the x axis and of the y axis.
     fn to_svg_with_plot(&self) -> Result<(String, String), ChartError> {
         let (svg, (across, down)) = self.svg(false)?;
         let ((x0, x1), (y0, y1)) = self.ranges();
