@@ -318,9 +318,10 @@ class Lss(Robot):
         self.network.nmt.send_command(0x82)
         # Every bit that is set is one answer that does not come, so here it must not be waited for long; and an
         # answer that comes later than that reads as a bit that is set. How long is long enough depends on this
-        # machine: a scan that fails is done again with four times the timeout. One cannot succeed by mistake,
-        # because the robot has to confirm its whole identity.
-        for lss.RESPONSE_TIMEOUT in (0.1, 0.4, 1.6, 6.4):
+        # machine: a scan that fails is done again with four times the timeout. A machine that stands still now and
+        # then for seconds disturbs the long scans most, so the short ones come several times. None can succeed by
+        # mistake, because the robot has to confirm its whole identity.
+        for lss.RESPONSE_TIMEOUT in 3 * (0.1, 0.4, 1.6) + (6.4,):
             found, identity = lss.fast_scan()
             if found:
                 break

@@ -38,6 +38,9 @@ const ROBOT_TESTS: [&str; 5] = [
 /// Updates and the emulator's own ways in.
 const UPDATE_TESTS: [&str; 3] = ["test_emulate", "test_update", "test_update_command"];
 
+/// What computes on all processors, in no time but its own: it yields to what runs in real time.
+const COMPUTING_TESTS: [&str; 1] = ["test_mujoco"];
+
 /// What drives a master with simulated robots in real time: its page and files, ROS 2, fleets.
 const MASTER_TESTS: [&str; 7] = [
     "test_page",
@@ -72,7 +75,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 
     let _awake = Awake::new(&python)?;
     let python_tests = |files: &[&str], backend: &str| {
-        let mut command = Command::new(&python);
+        let mut command = if files == COMPUTING_TESTS {
+            let mut command = Command::new("nice");
+            command.args(["-n", "15"]).arg(&python);
+            command
+        } else {
+            Command::new(&python)
+        };
         command
             .current_dir(&tests)
             .args(["-B", "-m", "unittest"])
@@ -114,7 +123,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     robots.push(batch(&["test_log"], "logs", false));
     robots.extend(MASTER_TESTS.map(|file| batch(&[file], "native", false)));
     let mut others = vec![
-        batch(&["test_mujoco"], "native", false),
+        batch(&COMPUTING_TESTS, "native", false),
         batch(&UPDATE_TESTS, "emulator", false),
     ];
     for (file, example) in [("test_device.py", "interop"), ("test_client.py", "sdo")] {
