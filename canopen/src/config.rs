@@ -115,6 +115,9 @@ pub struct Config {
     pub sync_overflow: u8,
     /// Object 0x1015, shortest time between two emergency messages in units of 100 us.
     pub emergency_inhibit_100us: u16,
+    /// Longest such time that a master may set, in the same units: other nodes may rely on the
+    /// messages.
+    pub longest_emergency_inhibit_100us: u16,
     /// Object 0x1029, sub-index 1: what a lost heartbeat or bus-off does to an operational device:
     /// 0 brings it to PRE-OPERATIONAL, 1 nothing, 2 to STOPPED.
     pub error_behaviour: u8,
@@ -160,6 +163,7 @@ impl Config {
         sync_window_us: 0,
         sync_overflow: 0,
         emergency_inhibit_100us: 0,
+        longest_emergency_inhibit_100us: u16::MAX,
         error_behaviour: 0,
         startup: Self::STARTUP_BY_MASTER,
         fixed_in_operation: false,

@@ -85,6 +85,8 @@ impl Identity {
             name: protocol::NAME,
             heartbeat_ms: HEARTBEAT_MS,
             sync_overflow: SYNC_OVERFLOW,
+            // What another member must know at once is in an emergency message.
+            longest_emergency_inhibit_100us: 0,
             fixed_in_operation: true,
             storage: self.storage,
             rpdos: &RPDOS,

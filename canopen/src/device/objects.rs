@@ -195,6 +195,9 @@ impl Core {
         app: &mut dyn Application,
     ) -> Result<(), AbortCode> {
         match index {
+            0x1015 if value > u32::from(self.config.longest_emergency_inhibit_100us) => {
+                return Err(AbortCode::ValueTooHigh);
+            }
             0x1003 | 0x1014 | 0x1015 | 0x1029 => return self.emergencies.set(index, value),
             0x1005..=0x1007 | 0x1019 => return self.set_sync(now, index, value),
             0x1010 | 0x1011 => return self.store(index == 0x1010, sub, value, app),

@@ -10,8 +10,10 @@ use crate::{Counters, Event, Frame, Micros};
 
 /// Frames that may wait for the application to take them.
 const FRAMES: usize = 16;
-/// Events that may wait.
+/// Events that may wait, and how many of these places are for changes of the device itself alone:
+/// an application that missed one would take it for what it was before.
 const EVENTS: usize = 16;
+const FOR_CHANGES: usize = 4;
 
 pub(super) struct Outbox {
     frames: Deque<Frame, FRAMES>,
@@ -77,7 +79,12 @@ impl Outbox {
 
     #[inline(never)]
     pub fn emit(&mut self, event: Event) {
-        if self.events.push_back(event).is_err() {
+        let is_change = matches!(
+            event,
+            Event::NmtCommand(_) | Event::NmtChanged { .. } | Event::RecoverBus
+        );
+        let has_room = is_change || self.events.len() < EVENTS - FOR_CHANGES;
+        if !has_room || self.events.push_back(event).is_err() {
             self.count(|counters| &mut counters.event_overflow);
         }
     }

@@ -151,7 +151,7 @@ fn communication_objects_change_in_pre_operational_only() {
         (0x1006, 0, 1000, 4),
         (0x1007, 0, 1, 4),
         (0x1014, 0, 0x8000_0082, 4),
-        (0x1015, 0, 10, 2),
+        (0x1015, 0, 0, 2),
         (0x1016, 1, 0x0001_0064, 4),
         (0x1017, 0, 0, 2),
         (0x1029, 1, 1, 1),
@@ -171,6 +171,15 @@ fn communication_objects_change_in_pre_operational_only() {
         world.run(100);
         assert_eq!(world.robots[0].bus.state(), State::Moving, "{object:04x?}");
     }
+}
+
+/// Members that leave it to messages cut when one comes: none may hold its own back.
+#[test]
+fn emergency_messages_cannot_be_held_back() {
+    let mut world = World::new(&[2]);
+    let too_high = Err(0x0609_0031);
+    assert_eq!(write(&mut world, 2, (0x1015, 0, 1, 2)), too_high);
+    assert_eq!(write(&mut world, 2, (0x1015, 0, 0, 2)), Ok(()));
 }
 
 /// Group and sequence first, then omega, vy, vx: all members are mapped so, and the master sends

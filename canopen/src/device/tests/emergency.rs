@@ -104,6 +104,18 @@ fn the_inhibit_time_spaces_messages_and_stopped_holds_them_back() {
     );
 }
 
+/// Others may rely on an emergency message: the device says how long it may be held back.
+#[test]
+fn an_inhibit_time_beyond_what_the_device_allows_is_refused() {
+    let mut bench = Bench::booted(Config {
+        longest_emergency_inhibit_100us: 100,
+        ..QUIET
+    });
+    assert_eq!(bench.write(0x1015, 0, &[101, 0]), Err(0x0609_0031));
+    assert_eq!(bench.read(0x1015, 0), Ok(std::vec![0, 0]));
+    assert_eq!(bench.write(0x1015, 0, &[100, 0]), Ok(()));
+}
+
 #[test]
 fn the_identifier_can_be_changed_only_while_the_service_is_off() {
     let mut bench = Bench::booted(QUIET);

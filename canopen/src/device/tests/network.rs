@@ -185,6 +185,36 @@ fn a_consumer_waits_for_the_first_heartbeat_then_misses_it_once() {
     assert_eq!(bench.device.counters().heartbeats_lost, 1);
 }
 
+/// More is lost in one poll than events can wait: that the device has left OPERATIONAL is among
+/// those that wait.
+#[test]
+fn the_state_that_follows_from_many_lost_heartbeats_is_reported() {
+    let mut bench = Bench::booted(Config {
+        error_behaviour: 0,
+        consumers: &[],
+        ..CONFIG
+    });
+    for node in 1..=17u8 {
+        let sender = 0x20 + node;
+        bench
+            .write(0x1016, node, &[100, 0, sender, 0])
+            .unwrap_or_else(|code| panic!("{node}: {code:#x}"));
+    }
+    bench.receive(0, [1, 5]);
+    for node in 1..=17 {
+        bench.receive(0x720 + node, [5]);
+    }
+    bench.events();
+    bench.now = bench.now + Micros::from_millis(100);
+    bench.poll();
+    let changed = Event::NmtChanged {
+        from: NmtState::Operational,
+        to: NmtState::PreOperational,
+    };
+    assert_eq!(bench.device.state(), NmtState::PreOperational);
+    assert!(bench.events().contains(&changed));
+}
+
 #[test]
 fn a_heartbeat_is_still_heard_when_stopped() {
     let mut bench = Bench::booted(CONFIG);
