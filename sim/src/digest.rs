@@ -1,58 +1,44 @@
 //! One number that stands for a whole run.
 //!
-//! FNV-1a over every frame with the time it ended and every change of a bridge with the time the
-//! world saw it. Two runs with the same digest said and did the same; it is no protection against
-//! malice.
+//! The standard library's hash of every frame with the time it ended and every change of a bridge
+//! with the time the world saw it. Two runs of one build with the same digest said and did the
+//! same; it is no protection against malice.
+
+use std::hash::{DefaultHasher, Hasher as _};
 
 use canopen::Frame;
 
 use crate::motor::Bridge;
 
-const OFFSET: u64 = 0xCBF2_9CE4_8422_2325;
-const PRIME: u64 = 0x0000_0100_0000_01B3;
-
 /// A running hash.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Digest(u64);
-
-impl Default for Digest {
-    fn default() -> Self {
-        Self(OFFSET)
-    }
-}
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Digest(DefaultHasher);
 
 impl Digest {
     pub fn frame(&mut self, end_ns: u64, frame: &Frame) {
-        self.bytes(&end_ns.to_le_bytes());
-        self.bytes(&frame.id().to_le_bytes());
-        self.bytes(frame.data());
+        self.0.write_u64(end_ns);
+        self.0.write_u16(frame.id());
+        self.0.write(frame.data());
     }
 
     pub fn error_frame(&mut self, end_ns: u64) {
-        self.bytes(&end_ns.to_le_bytes());
-        self.bytes(b"error");
+        self.0.write_u64(end_ns);
+        self.0.write(b"error");
     }
 
     pub fn bridges(&mut self, now_ns: u64, node: u8, drives: &[Bridge; 4]) {
-        self.bytes(&now_ns.to_le_bytes());
+        self.0.write_u64(now_ns);
+        let mut switches = u32::from(node);
         for drive in drives {
-            self.bytes(&[
-                node,
-                u8::from(drive.enabled),
-                u8::from(drive.brake_released),
-            ]);
-            self.bytes(&drive.duty.to_bits().to_le_bytes());
+            switches =
+                switches << 2 | u32::from(drive.enabled) << 1 | u32::from(drive.brake_released);
+            self.0.write_u64(drive.duty.to_bits());
         }
+        self.0.write_u32(switches);
     }
 
-    pub fn value(self) -> u64 {
-        self.0
-    }
-
-    fn bytes(&mut self, bytes: &[u8]) {
-        for byte in bytes {
-            self.0 = (self.0 ^ u64::from(*byte)).wrapping_mul(PRIME);
-        }
+    pub fn value(&self) -> u64 {
+        self.0.finish()
     }
 }
 
@@ -60,11 +46,47 @@ impl Digest {
 mod tests {
     use super::*;
 
-    /// The published FNV-1a value of "foobar".
-    #[test]
-    fn is_fnv_1a() {
+    const LIVE: Bridge = Bridge {
+        duty: 0.5,
+        enabled: true,
+        brake_released: true,
+    };
+
+    fn of(now_ns: u64, node: u8, drives: [Bridge; 4]) -> u64 {
         let mut digest = Digest::default();
-        digest.bytes(b"foobar");
-        assert_eq!(digest.value(), 0x8594_4171_F739_67E8);
+        digest.bridges(now_ns, node, &drives);
+        digest.value()
+    }
+
+    #[test]
+    fn whatever_differs_is_another_digest() {
+        let one = of(7, 2, [LIVE; 4]);
+        assert_eq!(one, of(7, 2, [LIVE; 4]));
+        assert_ne!(one, of(8, 2, [LIVE; 4]));
+        assert_ne!(one, of(7, 3, [LIVE; 4]));
+        for wheel in 0..4 {
+            for other in [
+                Bridge { duty: 0.25, ..LIVE },
+                Bridge {
+                    enabled: false,
+                    ..LIVE
+                },
+                Bridge {
+                    brake_released: false,
+                    ..LIVE
+                },
+            ] {
+                let mut drives = [LIVE; 4];
+                drives[wheel] = other;
+                assert_ne!(one, of(7, 2, drives), "{wheel}: {other:?}");
+            }
+        }
+        let frame = |id, data: &[u8]| {
+            let mut digest = Digest::default();
+            digest.frame(7, &Frame::new(id, data).unwrap());
+            digest.value()
+        };
+        assert_ne!(frame(1, &[1]), frame(1, &[2]));
+        assert_ne!(frame(1, &[1]), frame(2, &[1]));
     }
 }
