@@ -56,15 +56,19 @@ impl Supply {
         self.battery.as_ref()
     }
 
-    /// Advances the motors by `dt` (s) under constant drive.
-    pub fn step(&mut self, motors: &mut [Motor; 4], drives: &[Bridge; 4], dt: f64) {
-        if self.battery.is_none() && self.capacitance.is_none() {
-            self.volts = None;
-            for (motor, drive) in motors.iter_mut().zip(drives) {
-                motor.step(dt, *drive);
+    /// Advances the motors by so many steps of `dt` (s) under constant drive.
+    pub fn run(&mut self, motors: &mut [Motor; 4], drives: &[Bridge; 4], steps: u64, dt: f64) {
+        if self.battery.is_some() || self.capacitance.is_some() {
+            for _ in 0..steps {
+                self.step(motors, drives, dt);
             }
             return;
         }
+        self.volts = None;
+        Motor::run_all(motors, drives, steps, dt);
+    }
+
+    fn step(&mut self, motors: &mut [Motor; 4], drives: &[Bridge; 4], dt: f64) {
         let (mut still, mut per_volt) = (0.0, 0.0);
         for (motor, drive) in motors.iter().zip(drives) {
             let (a, b) = motor.admittance(dt, *drive);

@@ -65,7 +65,9 @@ pub struct WheelEncoder {
     noise: EncoderNoise,
     random: Random,
     state: EncoderState,
-    wires: Wires,
+    /// Something has been done to its wires; until then they are clean.
+    is_disturbed: bool,
+    wires: Box<Wires>,
 }
 
 impl WheelEncoder {
@@ -80,24 +82,28 @@ impl WheelEncoder {
             noise,
             random: Random::new(seed),
             state: EncoderState::Works,
+            is_disturbed: false,
             // A stream of its own.
-            wires: Wires::new(Random::new(seed ^ 0x5741_5245_5357_4952)),
+            wires: Box::new(Wires::new(Random::new(seed ^ 0x5741_5245_5357_4952))),
         }
     }
 
     /// Breaks or repairs it.
     pub fn set_state(&mut self, state: EncoderState) {
         self.state = state;
+        self.is_disturbed = true;
         self.wires.connect(state.sources());
     }
 
     /// Lets noise strike its wires so many times a second; 0 ends it.
     pub fn set_noise(&mut self, hz: f64) {
+        self.is_disturbed = true;
         self.wires.set_noise(hz);
     }
 
     /// Makes the rising edges of its wires slow: R times C, s; 0 ends it.
     pub fn set_slow_edges(&mut self, rc: f64) {
+        self.is_disturbed = true;
         self.wires.set_slow_edges(rc);
     }
 
@@ -114,7 +120,7 @@ impl WheelEncoder {
         self.counts = floor(self.position);
         let passed = (self.counts - before) as i32;
         let counts = match self.state {
-            _ if !self.wires.are_clean() => {
+            _ if self.is_disturbed && !self.wires.are_clean() => {
                 let to = self.position;
                 self.wires.follow((from_ns, to_ns), (from, to), edges);
                 0

@@ -74,6 +74,15 @@ pub struct Motor {
     angle: f64,
 }
 
+/// How a step changes a motor: the current that is left of the one before, and what each volt of
+/// back-EMF takes and of supply adds, A/V; what each newton metre adds to the rate, rad/s.
+struct Gains {
+    kept: f64,
+    per_emf: f64,
+    per_volt: f64,
+    per_torque: f64,
+}
+
 impl Motor {
     /// A motor at rest, angle 0.
     #[must_use]
@@ -98,20 +107,59 @@ impl Motor {
         }
     }
 
-    /// Advances by `dt` (s) under constant drive from the nominal supply.
-    pub fn step(&mut self, dt: f64, drive: Bridge) {
-        self.step_on(self.supply, dt, drive);
+    /// Advances by so many steps of `dt` (s) under constant drive from the nominal supply.
+    pub fn run(&mut self, steps: u64, dt: f64, drive: Bridge) {
+        let gains = self.gains(dt, drive);
+        for _ in 0..steps {
+            self.advance(&gains, self.supply, dt, drive.brake_released);
+        }
+    }
+
+    /// The same for four: none has to wait for the others, so the processor computes them at the
+    /// same time.
+    pub fn run_all(motors: &mut [Self; 4], drives: &[Bridge; 4], steps: u64, dt: f64) {
+        let gains: [Gains; 4] = std::array::from_fn(|n| motors[n].gains(dt, drives[n]));
+        for _ in 0..steps {
+            for ((motor, gains), drive) in motors.iter_mut().zip(&gains).zip(drives) {
+                motor.advance(gains, motor.supply, dt, drive.brake_released);
+            }
+        }
     }
 
     /// Advances by `dt` (s) under constant drive from a supply of so many volts.
     pub fn step_on(&mut self, supply: f64, dt: f64, drive: Bridge) {
-        let (still, per_volt) = self.admittance(dt, drive);
-        self.current = still + per_volt * supply;
+        self.advance(&self.gains(dt, drive), supply, dt, drive.brake_released);
+    }
+
+    /// What is the same in every step of this length under this drive.
+    fn gains(&self, dt: f64, drive: Bridge) -> Gains {
+        let per_torque = dt / self.inertia;
+        if !drive.enabled {
+            return Gains {
+                kept: 0.0,
+                per_emf: 0.0,
+                per_volt: 0.0,
+                per_torque,
+            };
+        }
+        let impedance = self.inductance + dt * self.resistance;
+        let per_emf = dt / impedance;
+        Gains {
+            kept: self.inductance / impedance,
+            per_emf,
+            per_volt: per_emf * drive.duty.clamp(-1.0, 1.0),
+            per_torque,
+        }
+    }
+
+    #[inline]
+    fn advance(&mut self, gains: &Gains, supply: f64, dt: f64, released: bool) {
+        self.current = self.current_at_0_v(gains) + gains.per_volt * supply;
         let torque = self.constant * self.current - self.viscous * self.rate;
         let torque = torque + self.push + self.floor;
-        let brake = self.brake_torque(dt, drive.brake_released);
-        let free = self.rate + dt * torque / self.inertia;
-        let held = dt * (self.friction + self.drag + brake) / self.inertia;
+        let brake = self.brake_torque(dt, released);
+        let free = self.rate + gains.per_torque * torque;
+        let held = gains.per_torque * (self.friction + self.drag + brake);
         let rate = if free > held {
             free - held
         } else if free < -held {
@@ -121,6 +169,11 @@ impl Motor {
         };
         self.angle += dt * 0.5 * (self.rate + rate);
         self.rate = rate;
+    }
+
+    /// The current at the end of a step without supply, A.
+    fn current_at_0_v(&self, gains: &Gains) -> f64 {
+        gains.kept * self.current - gains.per_emf * self.constant * self.rate
     }
 
     /// What the brake holds in this step, N·m.
@@ -152,15 +205,8 @@ impl Motor {
     /// of supply adds, A/V.
     #[must_use]
     pub fn admittance(&self, dt: f64, drive: Bridge) -> (f64, f64) {
-        if !drive.enabled {
-            return (0.0, 0.0);
-        }
-        let emf = self.constant * self.rate;
-        let impedance = self.inductance + dt * self.resistance;
-        (
-            (self.inductance * self.current - dt * emf) / impedance,
-            dt * drive.duty.clamp(-1.0, 1.0) / impedance,
-        )
+        let gains = self.gains(dt, drive);
+        (self.current_at_0_v(&gains), gains.per_volt)
     }
 
     /// Nominal supply voltage, V.
@@ -257,7 +303,7 @@ mod tests {
 
     fn run(motor: &mut Motor, seconds: f64, drive: Bridge) {
         for _ in 0..(seconds / STEP).round() as u32 {
-            motor.step(STEP, drive);
+            motor.run(1, STEP, drive);
         }
     }
 

@@ -93,6 +93,10 @@ pub struct World {
     adapter: Option<u8>,
     options: Options,
     units: Vec<Unit>,
+    /// The places of those that have something to do in this step.
+    due: Vec<usize>,
+    /// No robot has a connector pulled, a cable broken before it, or frames that are delayed.
+    all_connected: bool,
     plant: Box<dyn Plant>,
     plant_at_ns: u64,
     plant_period_ns: u64,
@@ -185,6 +189,8 @@ impl World {
             now_ns: 0,
             adapter: None,
             turned: vec![[0.0; 4]; units.len()],
+            due: Vec::with_capacity(units.len()),
+            all_connected: false,
             breaking: unit::breaking(&group.simulation.encoder_faults),
             units,
             plant_at_ns: 0,
@@ -438,12 +444,17 @@ impl World {
         let end_ns = self.step_end(until_ns);
         self.now_ns = end_ns;
         let step_ns = self.options.motor_step_ns;
-        for unit in self.units.iter_mut().filter(|u| u.is_due(end_ns)) {
-            unit.turn_to(end_ns, step_ns);
+        self.due.clear();
+        for (place, unit) in self.units.iter_mut().enumerate() {
+            if unit.is_due(end_ns) {
+                unit.turn_to(end_ns, step_ns);
+                self.due.push(place);
+            }
         }
         self.break_encoders();
         self.run_robots(end_ns)?;
-        for unit in self.units.iter_mut().filter(|u| u.is_due(end_ns)) {
+        for place in &self.due {
+            let unit = &mut self.units[*place];
             let node = unit.node;
             if let Some(drives) = unit.look_at_bridges(end_ns) {
                 self.digest.bridges(end_ns, node, drives);
@@ -475,21 +486,24 @@ impl World {
             self.breaking.pop_if(|(at, ..)| *at <= self.now_ns)
         {
             self.set_encoder(robot, wheel, state);
+            // It has been touched, so it has to run.
+            if !self.due.contains(&robot) {
+                self.due.push(robot);
+                self.due.sort_unstable();
+            }
         }
     }
 
-    /// Runs all robots to a time, heavy ones side by side if there are several.
+    /// Runs the robots that are due to a time, heavy ones side by side if there are several.
     fn run_robots(&mut self, end_ns: u64) -> Result<(), SimError> {
         let heavy = |unit: &Unit| unit.robot.is_heavy(end_ns);
         let several =
             self.worker_pool.is_some() && self.units.iter().filter(|u| heavy(u)).count() > 1;
         let mut away = Vec::new();
-        for (place, unit) in self.units.iter_mut().enumerate() {
-            if !unit.is_due(end_ns) {
-                continue;
-            }
+        for place in &self.due {
+            let unit = &mut self.units[*place];
             if several && heavy(unit) {
-                away.push((place, std::mem::replace(&mut unit.robot, Box::new(Absent))));
+                away.push((*place, std::mem::replace(&mut unit.robot, Box::new(Absent))));
             } else {
                 unit.robot.run_until(end_ns)?;
             }

@@ -16,8 +16,22 @@
     reason = "the source prints 15, 30, 45 and 60 degrees like this"
 )]
 
-/// Asked and measured speed in the table's unit.
-pub type Row = (f64, f64);
+/// A row of a table.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Row {
+    /// Asked speed in the table's unit.
+    pub asked: f64,
+    /// Measured over asked speed.
+    pub ratio: f64,
+}
+
+/// Asked and measured speed, as printed.
+const fn row(asked: f64, measured: f64) -> Row {
+    Row {
+        asked,
+        ratio: measured / asked,
+    }
+}
 
 /// One axis: rows in order of asked speed.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -28,17 +42,16 @@ impl Axis {
     #[must_use]
     pub fn ratio(&self, asked: f64) -> f64 {
         let asked = asked.abs();
-        let ratio = |row: &Row| row.1 / row.0;
-        let above = self.0.partition_point(|row| row.0 <= asked);
+        let above = self.0.partition_point(|row| row.asked <= asked);
         match (
             above.checked_sub(1).and_then(|below| self.0.get(below)),
             self.0.get(above),
         ) {
             (Some(low), Some(high)) => {
-                let part = (asked - low.0) / (high.0 - low.0);
-                ratio(low) + part * (ratio(high) - ratio(low))
+                let part = (asked - low.asked) / (high.asked - low.asked);
+                low.ratio + part * (high.ratio - low.ratio)
             }
-            (Some(end), None) | (None, Some(end)) => ratio(end),
+            (Some(end), None) | (None, Some(end)) => end.ratio,
             (None, None) => 1.0,
         }
     }
@@ -64,38 +77,42 @@ pub struct Losses {
 /// Tables 3 and 5: the paper's virtual robot.
 pub const VIRTUAL: Losses = Losses {
     longitudinal: Axis(&[
-        (100.0, 99.767),
-        (200.0, 199.564),
-        (300.0, 299.339),
-        (400.0, 399.151),
-        (500.0, 498.905),
+        row(100.0, 99.767),
+        row(200.0, 199.564),
+        row(300.0, 299.339),
+        row(400.0, 399.151),
+        row(500.0, 498.905),
     ]),
     lateral: Axis(&[
-        (100.0, 96.928),
-        (200.0, 193.684),
-        (300.0, 290.504),
-        (500.0, 483.2),
+        row(100.0, 96.928),
+        row(200.0, 193.684),
+        row(300.0, 290.504),
+        row(500.0, 483.2),
     ]),
-    yaw: Axis(&[(0.261799, 0.257), (0.523599, 0.514), (0.785398, 0.768)]),
+    yaw: Axis(&[
+        row(0.261799, 0.257),
+        row(0.523599, 0.514),
+        row(0.785398, 0.768),
+    ]),
 };
 
 /// Tables 7 and 8: the paper's physical robot.
 pub const PHYSICAL: Losses = Losses {
     longitudinal: Axis(&[
-        (100.0, 97.822),
-        (200.0, 196.287),
-        (300.0, 293.731),
-        (400.0, 390.558),
-        (500.0, 486.907),
+        row(100.0, 97.822),
+        row(200.0, 196.287),
+        row(300.0, 293.731),
+        row(400.0, 390.558),
+        row(500.0, 486.907),
     ]),
     lateral: Axis(&[
-        (100.0, 87.621),
-        (200.0, 174.193),
-        (300.0, 260.675),
-        (400.0, 345.426),
-        (500.0, 432.065),
+        row(100.0, 87.621),
+        row(200.0, 174.193),
+        row(300.0, 260.675),
+        row(400.0, 345.426),
+        row(500.0, 432.065),
     ]),
-    yaw: Axis(&[(0.523599, 0.511), (1.047198, 1.020)]),
+    yaw: Axis(&[row(0.523599, 0.511), row(1.047198, 1.020)]),
 };
 
 /// No losses.
@@ -122,7 +139,11 @@ mod tests {
     fn rows_are_in_order() {
         for losses in [VIRTUAL, PHYSICAL] {
             for axis in [losses.longitudinal, losses.lateral, losses.yaw] {
-                assert!(axis.rows().windows(2).all(|pair| pair[0].0 < pair[1].0));
+                assert!(
+                    axis.rows()
+                        .windows(2)
+                        .all(|pair| pair[0].asked < pair[1].asked)
+                );
             }
         }
     }

@@ -145,6 +145,8 @@ struct Live {
     /// The kind of motor drivers that it is configured for.
     stage: OutputStage,
     next_tick: Micros,
+    /// When that is in the world, ns.
+    next_tick_ns: u64,
     /// Keeps the ticks in step with SYNC, and the SYNC it has not seen yet.
     schedule: TickSchedule,
     sync: Option<Micros>,
@@ -194,6 +196,7 @@ impl Live {
             control: ControlSide::new(),
             stage: OutputStage::default(),
             next_tick: Micros(TICK_US.into()),
+            next_tick_ns: clock.world_ns(Micros(TICK_US.into())),
             schedule: TickSchedule::new(),
             sync: None,
             outputs: Outputs::SAFE,
@@ -346,6 +349,7 @@ impl NativeRobot {
             self.live.schedule.on_sync(sync);
         }
         self.live.next_tick = self.live.schedule.next(self.live.next_tick);
+        self.live.next_tick_ns = self.live.clock.world_ns(self.live.next_tick);
     }
 
     /// Moves frames from the controller to free mailboxes, and events to the log.

@@ -51,6 +51,8 @@ pub struct Indexes {
     pub(super) state: [IndexState; 4],
     /// Where the wheels stand, rad.
     angles: [f64; 4],
+    /// The pulses' angles before and behind that.
+    between: [(f64, f64); 4],
     random: Random,
 }
 
@@ -95,6 +97,7 @@ impl Indexes {
             at: *angles,
             state: [IndexState::default(); 4],
             angles: [0.0; 4],
+            between: [(0.0, 0.0); 4],
             random: Random::new(seed ^ SALT),
         }
     }
@@ -124,7 +127,14 @@ impl Indexes {
         if from == to {
             return None;
         }
+        // Between two of its pulses, as nearly always.
+        let between = self.between[wheel];
+        if between.0 < to && to < between.1 && self.state[wheel] == IndexState::Works {
+            return None;
+        }
         let at = self.at[wheel];
+        let turns = ((to - at) / TAU).floor();
+        self.between[wheel] = (at + turns * TAU, at + (turns + 1.0) * TAU);
         let last = |period: f64| {
             let turns = (to - at) / period;
             let turns = if to > from {

@@ -22,8 +22,13 @@ impl World {
                 port.errors.recovered();
             }
         }
+        self.all_connected = true;
         for unit in &mut self.units {
-            unit.look(now_ns);
+            let is_late = unit.injected.delay_ns > 0 || unit.held.is_some();
+            if is_late || unit.far || !unit.connected {
+                self.all_connected = false;
+                unit.look(now_ns);
+            }
         }
         self.suspended.retain(|(_, until)| *until > now_ns);
     }
@@ -36,7 +41,12 @@ impl World {
             let off = port.errors.state() == ErrorState::BusOff;
             Some(if off { port.back_ns.max(*at) } else { *at })
         });
-        let units = self.units.iter().filter_map(Unit::next_ns);
+        let others = if self.all_connected {
+            &[]
+        } else {
+            self.units.as_slice()
+        };
+        let units = others.iter().filter_map(Unit::next_ns);
         let suspended = self.suspended.iter().map(|(_, until)| *until);
         coming
             .chain(units)
@@ -48,7 +58,7 @@ impl World {
 
     /// Whether a cable is broken.
     pub(super) fn is_parted(&self) -> bool {
-        self.units.iter().any(|unit| unit.far)
+        !self.all_connected && self.units.iter().any(|unit| unit.far)
     }
 
     /// Arbitrates the free bus, or its far half.

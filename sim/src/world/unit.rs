@@ -238,17 +238,9 @@ impl Unit {
         self.at_ns = now_ns;
         let step = dt / steps as f64;
         let before = self.supply.volts();
-        for _ in 0..steps {
-            let drives = if self.tripped {
-                self.drives.map(|drive| Bridge {
-                    enabled: false,
-                    ..drive
-                })
-            } else {
-                self.drives
-            };
-            self.supply.step(&mut self.motors, &drives, step);
-            self.watch_current();
+        match self.trips_at {
+            None => self.supply.run(&mut self.motors, &self.drives, steps, step),
+            Some(amperes) => self.turn_until_it_trips(amperes, steps, step),
         }
         if let Some(volts) = self.supply.volts() {
             self.robot.set_supply(volts);
@@ -267,10 +259,15 @@ impl Unit {
             self.wheels[wheel] = self.wheels[wheel].clamp(play.0, play.1);
             let angle = angle + self.slipped[wheel];
             let turned = self.wheels[wheel] + self.slipped[wheel];
-            pulses[wheel] = self.indexes.follow(wheel, turned, angle, span);
+            if let Some(pulse) = self.indexes.follow(wheel, turned, angle, span) {
+                pulses[wheel] = Some(pulse);
+            }
             let angle = self.directions.encoders[wheel] * angle;
             let reported = self.encoders[wheel].follow(angle, span, &mut self.edges);
-            if !self.edges.is_empty() && self.robot.encoder_edges(wheel, &self.edges) {
+            if self.edges.is_empty() {
+                return reported;
+            }
+            if self.robot.encoder_edges(wheel, &self.edges) {
                 self.edges.clear();
             }
             let decoder = &mut self.decoders[wheel];
@@ -297,12 +294,20 @@ impl Unit {
         }
     }
 
-    /// Trips the driver when a motor draws too much: all bridges off and the fault line pulled.
-    fn watch_current(&mut self) {
-        let over = |limit: f64| self.motors.iter().any(|m| m.current().abs() > limit);
-        if !self.tripped && self.trips_at.is_some_and(over) {
-            self.tripped = true;
-            self.robot.set_driver_fault(true);
+    /// Turns the motors, and trips the driver when one draws more than this: all bridges off and
+    /// the fault line pulled.
+    fn turn_until_it_trips(&mut self, amperes: f64, steps: u64, dt: f64) {
+        for _ in 0..steps {
+            let mut drives = self.drives;
+            for drive in &mut drives {
+                drive.enabled &= !self.tripped;
+            }
+            self.supply.run(&mut self.motors, &drives, 1, dt);
+            let over = |motor: &Motor| motor.current().abs() > amperes;
+            if !self.tripped && self.motors.iter().any(over) {
+                self.tripped = true;
+                self.robot.set_driver_fault(true);
+            }
         }
     }
 

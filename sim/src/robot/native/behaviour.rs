@@ -60,17 +60,15 @@ impl Robot for NativeRobot {
         if !self.powered {
             return Wake::Never;
         }
-        // What is still due has already been processed in this microsecond.
-        let soonest = self.live.clock.local(self.now_ns) + Micros(1);
-        let deadline = self
-            .live
-            .bus
-            .next_deadline()
-            .map(|deadline| deadline.max(soonest));
-        let next = deadline.map_or(self.live.next_tick, |deadline| {
-            deadline.min(self.live.next_tick)
-        });
-        let next = self.live.clock.world_ns(next);
+        let clock = self.live.clock;
+        let next = match self.live.bus.next_deadline() {
+            // What is still due has already been processed in this microsecond.
+            Some(deadline) if deadline < self.live.next_tick => {
+                clock.world_ns(deadline.max(clock.local(self.now_ns) + Micros(1)))
+            }
+            _ => u64::MAX,
+        };
+        let next = next.min(self.live.next_tick_ns);
         let back = self.live.back_ns;
         let drives = self
             .smart
