@@ -186,6 +186,10 @@ fn power_lost_anywhere_in_an_update_leaves_a_robot_that_boots_and_takes_the_next
     robot.ready().unwrap();
     let cleared = operations(&robot);
     robot.download(&download).unwrap();
+    let whole = operations(&robot);
+    assert!(whole > cleared + 20_000, "a word is an operation");
+    // The words of the seal, the order to start, the attempt, the confirmation: noted on the way.
+    robot.board.record_power_cuts();
     robot.ready().unwrap();
     let sealed = operations(&robot);
     robot.control(order::START).unwrap();
@@ -193,23 +197,22 @@ fn power_lost_anywhere_in_an_update_leaves_a_robot_that_boots_and_takes_the_next
     let started = operations(&robot);
     robot.control(order::CONFIRM).unwrap();
     robot.ready().unwrap();
-    let confirmed = operations(&robot);
+    let noted = robot.board.take_power_cuts();
+    assert_eq!(operations(&robot) - whole, noted.len() as u64);
+    assert!(sealed - whole >= 7 && sealed < started);
     assert_eq!(robot.slot(), Some(Slot::B));
-    assert!(sealed > cleared + 20_000, "a word is an operation");
 
-    // Seven words of the seal, and the last of the image; the order to start, the attempt.
-    let cuts = (1..=cleared + 1)
-        .chain((1..4).map(|part| cleared + part * (sealed - cleared) / 4))
-        .chain(sealed - 8..=confirmed);
-    for (nth, cut) in cuts.enumerate() {
+    // The erases, and some words of the image with its last: cut.
+    let cuts = (1..=cleared + 1).chain((1..=4).map(|part| cleared + part * (whole - cleared) / 4));
+    let left = cuts.map(|cut| {
         let mut robot = flashed(&file);
         robot.board.cut_power_at_flash_operation(cut);
-        assert_eq!(
-            update(&mut robot, &download),
-            Err(Failure::PowerCut),
-            "{cut}"
-        );
-        let content = robot.content();
+        let ended = update(&mut robot, &download);
+        assert_eq!(ended, Err(Failure::PowerCut), "{cut}");
+        (cut, robot.content())
+    });
+    let noted = noted.into_iter().map(Content);
+    for (nth, (cut, content)) in left.chain((whole + 1..).zip(noted)).enumerate() {
         let (mut robot, slot) = slot_after(&file, &content);
         let may_be_new = cut > sealed;
         let must_be_new = cut > started;

@@ -58,11 +58,14 @@ pub fn check(name: &str, found: &str) {
     );
 }
 
-/// The programs' folder: builds the simulator, which is another package's.
+/// The programs' folder: builds the simulator, which is another package's. As a part of all that is
+/// tested: alone, it would have fewer features of the libraries it shares, and these would be built
+/// once more.
 pub fn programs() -> PathBuf {
     let omnibus = Path::new(env!("CARGO_BIN_EXE_omnibus"));
     let built = Command::new(env!("CARGO"))
-        .args(["build", "--package", "omnibus-sim", "--bin", "omnibus-sim"])
+        .args(["build", "--workspace", "--bin", "omnibus-sim"])
+        .args(["--features", include_str!("../../../xtask/tested.features")])
         .current_dir(root())
         .status()
         .unwrap();
