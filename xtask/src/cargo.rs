@@ -8,6 +8,8 @@ use std::process::{Command, Stdio};
 
 use anyhow::{Context as _, bail};
 
+use crate::environment::without_package;
+
 /// The target of the firmware.
 pub const TARGET: &str = "thumbv7em-none-eabihf";
 
@@ -27,6 +29,7 @@ pub fn command() -> Command {
     let program = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
     let mut command = Command::new(program);
     command.current_dir(root());
+    without_package(&mut command);
     command
 }
 

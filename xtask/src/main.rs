@@ -14,6 +14,7 @@ mod bench;
 mod cargo;
 mod check;
 mod demo;
+mod environment;
 mod faults;
 mod firmware;
 mod flash;

@@ -6,6 +6,9 @@
 //! folder, so neither waits for the other's lock. The firmware's build here says nothing and may
 //! fail: the task runs the same build again, finds it done, and reports what went wrong otherwise.
 
+#[path = "../../src/environment.rs"]
+mod environment;
+
 use std::env;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitCode, ExitStatus, Stdio};
@@ -34,6 +37,7 @@ fn needs_image(arguments: &[String]) -> bool {
 fn cargo(root: &Path) -> Command {
     let mut command = Command::new(env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
     command.current_dir(root);
+    environment::without_package(&mut command);
     command
 }
 
