@@ -480,20 +480,6 @@ impl World {
         }
     }
 
-    /// Breaks the encoders whose time has come.
-    fn break_encoders(&mut self) {
-        while let Some((_, robot, wheel, state)) =
-            self.breaking.pop_if(|(at, ..)| *at <= self.now_ns)
-        {
-            self.set_encoder(robot, wheel, state);
-            // It has been touched, so it has to run.
-            if !self.due.contains(&robot) {
-                self.due.push(robot);
-                self.due.sort_unstable();
-            }
-        }
-    }
-
     /// Runs the robots that are due to a time, heavy ones side by side if there are several.
     fn run_robots(&mut self, end_ns: u64) -> Result<(), SimError> {
         let heavy = |unit: &Unit| unit.robot.is_heavy(end_ns);

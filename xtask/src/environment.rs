@@ -4,7 +4,7 @@ use std::process::Command;
 
 /// Leaves out what `cargo run` says of the package that it runs. A build script may ask to be run
 /// again when that changes, as that of `ring` does, and what depends on it is then compiled again:
-/// the half of all, each time that somebody builds now with a task and now without.
+/// half of everything, whenever a build with a task follows one without.
 pub fn without_package(command: &mut Command) {
     for (name, _) in std::env::vars_os() {
         if name.to_str().is_some_and(is_of_a_package) {
@@ -13,7 +13,7 @@ pub fn without_package(command: &mut Command) {
     }
 }
 
-/// Whether `cargo` sets a variable for each package, and nobody else.
+/// Whether a variable is one that `cargo` sets for each package.
 fn is_of_a_package(name: &str) -> bool {
     const NAMES: [&str; 4] = [
         "CARGO_BIN_NAME",

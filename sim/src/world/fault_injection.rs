@@ -169,6 +169,20 @@ impl World {
         errors.map_or_else(Default::default, |e| (e.state(), e.counters()))
     }
 
+    /// Breaks the encoders whose time has come.
+    pub(super) fn break_encoders(&mut self) {
+        while let Some((_, robot, wheel, state)) =
+            self.breaking.pop_if(|(at, ..)| *at <= self.now_ns)
+        {
+            self.set_encoder(robot, wheel, state);
+            // It has been touched, so it has to run.
+            if !self.due.contains(&robot) {
+                self.due.push(robot);
+                self.due.sort_unstable();
+            }
+        }
+    }
+
     /// Breaks or repairs an encoder.
     pub fn set_encoder(&mut self, robot: usize, wheel: usize, state: EncoderState) {
         let unit = self.touched(robot);
