@@ -107,16 +107,13 @@ impl Motor {
         }
     }
 
-    /// Advances by so many steps of `dt` (s) under constant drive from the nominal supply.
-    pub fn run(&mut self, steps: u64, dt: f64, drive: Bridge) {
-        let gains = self.gains(dt, drive);
-        for _ in 0..steps {
-            self.advance(&gains, self.supply, dt, drive.brake_released);
-        }
+    /// Advances by `dt` (s) under constant drive from the nominal supply.
+    pub fn step(&mut self, dt: f64, drive: Bridge) {
+        self.step_on(self.supply, dt, drive);
     }
 
-    /// The same for four: none has to wait for the others, so the processor computes them at the
-    /// same time.
+    /// Advances four by so many steps each. None has to wait for the others, so the processor
+    /// computes them at the same time.
     pub fn run_all(motors: &mut [Self; 4], drives: &[Bridge; 4], steps: u64, dt: f64) {
         let gains: [Gains; 4] = std::array::from_fn(|n| motors[n].gains(dt, drives[n]));
         for _ in 0..steps {
@@ -303,7 +300,7 @@ mod tests {
 
     fn run(motor: &mut Motor, seconds: f64, drive: Bridge) {
         for _ in 0..(seconds / STEP).round() as u32 {
-            motor.run(1, STEP, drive);
+            motor.step(STEP, drive);
         }
     }
 

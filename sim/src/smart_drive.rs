@@ -389,7 +389,7 @@ mod tests {
                 enabled: share.is_some(),
                 brake_released: true,
             };
-            motor.run(1, 1e-4, bridge);
+            motor.step(1e-4, bridge);
         }
         motor.rate()
     }
