@@ -7,8 +7,8 @@ use acceptance::emulated::{EmulatedBench, Faults, Images, Mutation, NODE};
 use acceptance::level_one::{self, Options, Parts};
 use acceptance::node::Node;
 use acceptance::wires::{self, WIRES, Wire};
-use acceptance::{Check, Image};
-use canopen::NodeId;
+use acceptance::{Bench, Check, Image};
+use canopen::{Frame, NodeId};
 use emulator::Firmware;
 use protocol::self_test::{OUTPUTS, PIN};
 
@@ -49,6 +49,65 @@ fn a_board_that_works_keeps_every_promise() {
     }
     assert_eq!(broken(&checks), [""; 0]);
     assert!(checks.len() > 75, "{} checks", checks.len());
+}
+
+/// An emulated bench whose adapter is slow: a heartbeat from before the bus went comes after it.
+struct LateHeartbeat<'a> {
+    bench: EmulatedBench<'a>,
+    late: Option<Frame>,
+}
+
+impl Bench for LateHeartbeat<'_> {
+    fn now_us(&self) -> u64 {
+        self.bench.now_us()
+    }
+
+    fn send(&mut self, frame: &Frame) -> anyhow::Result<()> {
+        self.bench.send(frame)
+    }
+
+    fn receive(&mut self, until_us: u64) -> anyhow::Result<Option<(u64, Frame)>> {
+        match self.late.take() {
+            Some(frame) => Ok(Some((self.now_us(), frame))),
+            None => self.bench.receive(until_us),
+        }
+    }
+
+    fn flash(&mut self, image: Image) -> anyhow::Result<()> {
+        self.bench.flash(image)
+    }
+
+    fn power_cycle(&mut self) -> anyhow::Result<()> {
+        self.bench.power_cycle()
+    }
+
+    fn force_bus_off(&mut self) -> anyhow::Result<()> {
+        self.bench.force_bus_off()?;
+        self.late = Frame::new(0x700 + u16::from(NODE), &[0x7f]);
+        Ok(())
+    }
+
+    fn take_out(&mut self, wires: &[u8]) -> anyhow::Result<()> {
+        self.bench.take_out(wires)
+    }
+}
+
+#[test]
+fn a_heartbeat_from_before_bus_off_does_not_end_it() {
+    let images = images();
+    let mut bench = LateHeartbeat {
+        bench: EmulatedBench::new(&images, None),
+        late: None,
+    };
+    let options = Options {
+        parts: Parts::Shipped,
+        ..OPTIONS
+    };
+    let checks = level_one::run(&mut bench, NodeId::new(NODE).unwrap(), &options).unwrap();
+    let recovery = checks.iter().find(|check| check.name == "can.recovery");
+    let after_ms = recovery.and_then(|check| check.measured).unwrap();
+    // 128 times 11 recessive bits end bus-off; the robot begins that after 100 ms.
+    assert!((100.0..250.0).contains(&after_ms), "{after_ms} ms");
 }
 
 #[test]
