@@ -321,9 +321,6 @@ class Links(RosTest):
                     odom += watcher.news("odom")
                     followed_by.append(followed()[0])
                     time.sleep(0.005)
-            until("a report", lambda: (last := followed())[1] and [followed_by.append(last[0])])
-            # From one report to another, so one at either end may count for the other side.
-            self.assertGreaterEqual(sum(followed_by), commands.count - written - 2, "every velocity arrived")
             # None of them expired, and odometry came all the time.
             self.assertTrue(all(one.twist.twist.angular.z > 0.2 for one in odom))
             times = [one.header.stamp.sec + one.header.stamp.nanosec * 1e-9 for one in odom]
@@ -331,6 +328,9 @@ class Links(RosTest):
             count = watcher.look().count["odom"]
             until("odom goes on", lambda: watcher.look().count["odom"] > count + 20)
             until("it still turns", lambda: watcher.look().newest["odom"].twist.twist.angular.z > 0.2)
+        # A busy node may have some still before it; it reports of them when it has taken them.
+        until("every velocity has arrived", lambda: followed_by.append(followed()[0])
+              or sum(followed_by) >= commands.count - written - 2)
         self.assertIsNone(node.process.poll())
         watcher.stands()
         self.assertEqual(node.end(), 0)
