@@ -5,7 +5,6 @@ use group::GroupFile;
 use omnibus::bus::address::BusAddress;
 use omnibus::bus::link::Link;
 use omnibus::commission::calibrate::journal::Journal;
-use omnibus::commission::calibrate::phase::Residual;
 use omnibus::commission::calibrate::recorded_motions::Source;
 use omnibus::commission::calibrate::rollers::{self, RobotPhases};
 use omnibus::error::MasterError;
@@ -16,6 +15,7 @@ use omnibus::source::gyro::GyroStream;
 #[cfg(feature = "simulation")]
 use omnibus::source::gyro::RateSample;
 use protocol::{Value, address};
+use roller_phase::Residual;
 use serde_json::json;
 
 use super::progress::Progress;

@@ -1,7 +1,7 @@
 //! The errors that end a calibration.
 
-use super::phase::PhaseError;
 use crate::error::MasterError;
+use roller_phase::PhaseError;
 
 /// Why no coefficients can be given.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

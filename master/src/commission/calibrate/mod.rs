@@ -5,7 +5,7 @@
 //! turns are driven, because robots bolted far from the middle turn the group mostly by moving
 //! sideways; the coefficient of turns is corrected until the turn is right. Finally every axis is
 //! driven once more with all coefficients in force. The remaining error is reported, and a
-//! calibration with a large one is rejected. [`phase`] finds the roller phases.
+//! calibration with a large one is rejected. [`roller_phase`] finds the roller phases.
 //!
 //! Robots with known rollers are given constants. The loss that grows with speed there is that of
 //! roller transitions. It is separated and becomes a number of the group
@@ -19,7 +19,6 @@ pub mod journal;
 mod lag;
 pub mod manoeuvre;
 pub mod measure;
-pub mod phase;
 pub mod recorded_motions;
 pub mod rollers;
 pub mod undo;

@@ -15,9 +15,9 @@ use std::f64::consts::TAU;
 
 use kinematics::{FourWheelGeometry, Twist};
 use protocol::{GyroState, Kind, address};
+use roller_phase::{Motion, Samples};
 
 use super::journal::Journal;
-use super::phase::{Motion, Samples};
 use super::{CalibrateError, attempt};
 use crate::bus::link::Link;
 use crate::error::MasterError;

@@ -2,11 +2,11 @@
 
 use group::GroupFile;
 use kinematics::{FourWheelGeometry, Rollers, VelocityCompensation};
+use roller_phase::Phases;
 
 use super::CalibrateError;
 use super::journal::Journal;
 use super::manoeuvre::Settings;
-use super::phase::{self, Phases};
 use super::recorded_motions::{self, LASTS, Source};
 use crate::bus::link::Link;
 use crate::session::Group;
@@ -106,7 +106,7 @@ pub fn find<L: Link>(
         let count = robot.rollers.map_or(0, |rollers| rollers.count);
         let rollers = Rollers::new(u16::from(count))
             .map_err(|error| CalibrateError::Unusable(error.to_string()))?;
-        let found = phase::estimate(geometry, rollers, motions)
+        let found = roller_phase::estimate(geometry, rollers, motions)
             .map_err(|reason| CalibrateError::Phases { node, reason })?;
         out.push(RobotPhases { node, count, found });
     }

@@ -2,7 +2,7 @@
 
 /// Inverts a symmetric positive definite matrix of `size` rows in place; `false` when it is not
 /// one, or nearly not.
-pub(super) fn invert(matrix: &mut [f64], size: usize) -> bool {
+pub(crate) fn invert(matrix: &mut [f64], size: usize) -> bool {
     // Gauss-Jordan; no pivoting, because the matrix is positive.
     let first: Vec<f64> = (0..size).map(|n| matrix[n * size + n]).collect();
     for (pivot, first) in first.into_iter().enumerate() {
@@ -25,7 +25,7 @@ pub(super) fn invert(matrix: &mut [f64], size: usize) -> bool {
 }
 
 /// Sum of products.
-pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
+pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 

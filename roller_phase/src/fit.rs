@@ -7,9 +7,9 @@
 //! so wide that it matters only where the data contain no information: an axis without motion has
 //! no gain of its own.
 
-use super::model::{Back, Lean, Model, Shape};
-use super::solve::{dot, invert};
-use super::{Motion, PhaseError, Samples, WHEELS};
+use crate::model::{Back, Lean, Model, Shape};
+use crate::solve::{dot, invert};
+use crate::{Motion, PhaseError, Samples, WHEELS};
 
 /// Gauss-Newton steps.
 const STEPS: usize = 30;
@@ -49,7 +49,7 @@ struct Interval {
     moved: [f64; 3],
 }
 
-pub(super) struct Problem<'a> {
+pub(crate) struct Problem<'a> {
     model: Model,
     motions: &'a [Motion],
     intervals: Vec<Interval>,
@@ -60,7 +60,7 @@ pub(super) struct Problem<'a> {
 }
 
 /// Where a fit ended.
-pub(super) struct Fit {
+pub(crate) struct Fit {
     /// In the order and the units of the model.
     pub parameters: Vec<f64>,
     /// What is left, axis after axis, turns as metres at the wheels.

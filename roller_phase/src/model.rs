@@ -21,7 +21,7 @@
 
 use kinematics::{FourWheelGeometry, Rollers};
 
-use super::solve::invert;
+use crate::solve::invert;
 
 /// Points at which a wave is averaged.
 const POINTS: u32 = 64;
@@ -31,7 +31,7 @@ const STANDING: f64 = 1e-6;
 
 /// Unknown properties that all wheels' rollers share.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Shape {
+pub(crate) struct Shape {
     /// Between a wheel's axle and its rollers', m.
     pub distance: f64,
     /// From a wheel's lowest place to the ends of where it touches the floor, rad; its sign says
@@ -41,7 +41,7 @@ pub(super) struct Shape {
 
 /// What a wheel's rollers do in an interval.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Lean {
+pub(crate) struct Lean {
     /// Mean secant of the sweep.
     secant: f64,
     /// Mean tangent of the sweep, times the distance between the axles, m.
@@ -61,9 +61,9 @@ struct Shared {
 }
 
 /// Columns: m, m, rad for a radian of each wheel.
-pub(super) type Back = [[f64; 4]; 3];
+pub(crate) type Back = [[f64; 4]; 3];
 
-pub(super) struct Model {
+pub(crate) struct Model {
     pub rollers: Rollers<f64>,
     straight: [[f64; 3]; 4],
     across: [[f64; 3]; 4],
