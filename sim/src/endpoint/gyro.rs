@@ -75,8 +75,10 @@ impl Endpoint for GyroServer {
 
     fn exchange(&mut self, world: &mut World) -> io::Result<()> {
         let samples = world.take_gyros();
-        self.lines
-            .send(samples.iter().map(|one| sample_line(one, &self.nodes)));
+        self.lines.send(
+            samples.iter().map(|one| sample_line(one, &self.nodes)),
+            world.now(),
+        );
         Ok(())
     }
 }

@@ -6,6 +6,7 @@
 use std::io;
 use std::net::{SocketAddr, TcpStream};
 
+use canopen::Micros;
 use serde::Serialize;
 
 use super::stream::{Listener, Pipe};
@@ -36,8 +37,8 @@ impl JsonLines {
         self.listener.address()
     }
 
-    /// Hands these lines to all, and the last one to new clients.
-    pub fn send(&mut self, lines: impl Iterator<Item = String>) {
+    /// Hands these lines to all, and the last one to new clients. It is `now`.
+    pub fn send(&mut self, lines: impl Iterator<Item = String>, now: Micros) {
         let lines: Vec<String> = lines.collect();
         for pipe in &mut self.clients {
             for line in &lines {
@@ -50,12 +51,13 @@ impl JsonLines {
             self.latest = latest;
         }
         // Where time waits, the next line may not come before a new client has seen this one.
-        while let Some(mut pipe) = self.listener.accept() {
+        let looks = self.listener.is_time_to_look(now);
+        while let Some(mut pipe) = looks.then(|| self.listener.accept()).flatten() {
             pipe.output.extend_from_slice(self.latest.as_bytes());
             self.clients.push(pipe);
         }
         self.clients.retain_mut(|pipe| {
-            let came = pipe.fill();
+            let came = if looks { pipe.fill() } else { Ok(()) };
             pipe.input.clear();
             came.and_then(|()| pipe.flush()).is_ok()
         });

@@ -85,6 +85,10 @@ impl Client for Session {
         self.port
     }
 
+    fn may_talk(&self) -> bool {
+        self.until.is_none()
+    }
+
     /// Receives the client's lines and answers when its time has come; `false` for a line that is
     /// not part of the protocol.
     fn exchange(&mut self, pipe: &mut Pipe<TcpStream>, world: &mut World) -> bool {

@@ -38,6 +38,7 @@ mod stream;
 pub mod terminal;
 
 use std::io;
+use std::time::Duration;
 
 use canopen::Micros;
 
@@ -59,5 +60,10 @@ pub trait Endpoint {
     /// one that does not hold time.
     fn limit(&self, _now: Micros) -> Option<Micros> {
         None
+    }
+
+    /// Waits until a program has said something, and so long at most. For one that holds time.
+    fn wait(&self, most: Duration) {
+        std::thread::sleep(most);
     }
 }

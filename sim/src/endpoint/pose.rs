@@ -93,7 +93,7 @@ impl Endpoint for PoseServer {
 
     fn exchange(&mut self, world: &mut World) -> io::Result<()> {
         let samples = world.take_observed();
-        self.0.send(samples.iter().map(sample_line));
+        self.0.send(samples.iter().map(sample_line), world.now());
         Ok(())
     }
 }

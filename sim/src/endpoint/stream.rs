@@ -3,6 +3,7 @@
 
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::time::Duration;
 
 use canopen::Micros;
 
@@ -11,6 +12,9 @@ use crate::world::{Port, World};
 
 /// Bytes that may wait for a client: some 40 000 frames of slcan.
 pub const BACKLOG: usize = 1 << 20;
+/// While time passes, how often to ask for what is not expected: new clients, and the end of those
+/// that wait. To ask costs as much as to simulate a slice of time.
+const LOOK: Micros = Micros(10_000);
 
 /// A connection that never blocks. Bytes wait in it in both directions; its owner takes them from
 /// `input` and puts them into `output`.
@@ -83,6 +87,8 @@ impl<S: Read + Write> Pipe<S> {
 pub(super) struct Listener {
     socket: TcpListener,
     address: SocketAddr,
+    asked: Micros,
+    looked: Micros,
 }
 
 impl Listener {
@@ -93,12 +99,24 @@ impl Listener {
         Ok(Self {
             address: socket.local_addr()?,
             socket,
+            asked: Micros(0),
+            looked: Micros(0),
         })
     }
 
     /// Where it listens.
     pub fn address(&self) -> SocketAddr {
         self.address
+    }
+
+    /// Whether to look for new clients. Always when time stands: it may stand for one of them.
+    pub fn is_time_to_look(&mut self, now: Micros) -> bool {
+        let looks = now == self.asked || now.0 >= self.looked.0 + LOOK.0;
+        self.asked = now;
+        if looks {
+            self.looked = now;
+        }
+        looks
     }
 
     /// The next client that has connected.
@@ -126,6 +144,11 @@ pub trait Client {
 
     /// Answers what the client has sent, and sends what has happened; `false` drops the client.
     fn exchange(&mut self, pipe: &mut Pipe<TcpStream>, world: &mut World) -> bool;
+
+    /// Whether it may say something now; one that waits for an answer does not.
+    fn may_talk(&self) -> bool {
+        true
+    }
 
     /// Whether clients are accepted at this time.
     fn accepts(_now: Micros) -> bool {
@@ -173,7 +196,8 @@ impl<C: Client> Endpoint for Server<C> {
         if !C::accepts(world.now()) {
             return Ok(());
         }
-        while let Some(mut pipe) = self.listener.accept() {
+        let looks = self.listener.is_time_to_look(world.now());
+        while let Some(mut pipe) = looks.then(|| self.listener.accept()).flatten() {
             let port = self.spare.pop().unwrap_or_else(|| world.add_port());
             let client = C::connect(&mut pipe.output, port, world);
             self.clients.push((pipe, client));
@@ -181,7 +205,11 @@ impl<C: Client> Endpoint for Server<C> {
         let spare = &mut self.spare;
         self.clients.retain_mut(|(pipe, client)| {
             // What came before the end still counts.
-            let came = pipe.fill();
+            let came = if looks || client.may_talk() {
+                pipe.fill()
+            } else {
+                Ok(())
+            };
             let stays = client.exchange(pipe, world);
             let alive = stays && came.and_then(|()| pipe.flush()).is_ok();
             if !alive {
@@ -195,5 +223,18 @@ impl<C: Client> Endpoint for Server<C> {
 
     fn limit(&self, now: Micros) -> Option<Micros> {
         C::limit(self.clients.iter().map(|(_, client)| client), now)
+    }
+
+    #[cfg(unix)]
+    fn wait(&self, most: Duration) {
+        use rustix::event::{PollFd, PollFlags, Timespec, poll};
+
+        let clients = self.clients.iter().map(|(pipe, _)| pipe.stream());
+        let mut all: Vec<_> = clients
+            .map(|stream| PollFd::new(stream, PollFlags::IN))
+            .collect();
+        all.push(PollFd::new(&self.listener.socket, PollFlags::IN));
+        // Interrupted by a signal, it has waited long enough.
+        let _ = poll(&mut all, Timespec::try_from(most).ok().as_ref());
     }
 }

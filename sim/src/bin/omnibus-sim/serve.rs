@@ -30,8 +30,8 @@ const LATE: Duration = Duration::from_millis(20);
 const BUNCHED: Duration = Duration::from_millis(2);
 /// How often it is said at most.
 const REPORT_EVERY: Duration = Duration::from_secs(1);
-/// How long to wait before an endpoint that holds the time is asked again.
-const HELD: Duration = Duration::from_micros(20);
+/// While an endpoint holds the time, how often the others are asked.
+const HELD: Duration = Duration::from_millis(1);
 
 /// Options of `omnibus-sim serve`.
 #[derive(Args)]
@@ -194,7 +194,10 @@ fn run(
         let to = limit.map_or(now + SLICE, |limit| limit.min(now + SLICE));
         let to = to.min(pace.until);
         if to <= now {
-            std::thread::sleep(HELD);
+            let holds = |one: &&Box<dyn Endpoint>| one.limit(now).is_some_and(|to| to <= now);
+            if let Some(one) = endpoints.iter().find(holds) {
+                one.wait(HELD);
+            }
             continue;
         }
         faults.run(world, to.0 * 1_000)?;
