@@ -194,9 +194,9 @@ fn run(
         let to = limit.map_or(now + SLICE, |limit| limit.min(now + SLICE));
         let to = to.min(pace.until);
         if to <= now {
-            let holds = |one: &&Box<dyn Endpoint>| one.limit(now).is_some_and(|to| to <= now);
-            if let Some(one) = endpoints.iter().find(holds) {
-                one.wait(HELD);
+            let mut all = endpoints.iter();
+            if let Some(held) = all.find(|one| one.limit(now).is_some_and(|to| to <= now)) {
+                held.wait(HELD);
             }
             continue;
         }
