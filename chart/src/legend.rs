@@ -23,7 +23,7 @@ struct Entry<'a> {
 }
 
 /// A piece of a line as the legend shows it, from this point to the right.
-pub fn sample(
+fn sample(
     series: &Series,
     (x, y): (i32, i32),
 ) -> DashedPathElement<std::vec::IntoIter<(i32, i32)>, i32> {

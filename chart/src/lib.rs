@@ -8,6 +8,7 @@
 
 #![forbid(unsafe_code)]
 
+mod bitmap;
 mod legend;
 pub mod page;
 mod picture;
@@ -232,7 +233,7 @@ impl Chart {
     /// and bottom in the picture's units, then the ends of the x axis and of the y axis.
     fn to_svg_with_plot(&self) -> Result<(String, String), ChartError> {
         let (svg, (across, down)) = self.svg(false)?;
-        let ((x0, x1), (y0, y1)) = self.ranges();
+        let ((x0, x1), (y0, y1)) = self.ranges(self.size.1);
         let plot = format!(
             "{} {} {} {} {x0} {x1} {y0} {y1}",
             across.start, across.end, down.start, down.end
@@ -265,8 +266,8 @@ impl Chart {
         Ok((svg, plot))
     }
 
-    /// Ranges of both axes: time axes fit tightly, maps keep one scale.
-    fn ranges(&self) -> ((f64, f64), (f64, f64)) {
+    /// Ranges of both axes in a picture of that height: time axes fit tightly, maps keep one scale.
+    fn ranges(&self, height: u32) -> ((f64, f64), (f64, f64)) {
         let all = || {
             let lines = self.series.iter().flat_map(|s| s.points.iter());
             lines.chain(self.outlines.iter().flat_map(|outline| &outline.corners))
@@ -275,7 +276,7 @@ impl Chart {
         if self.equal_axes {
             let inner = (
                 f64::from(self.size.0 - LABEL_AREA.1 - 2 * MARGIN),
-                f64::from(self.size.1 - LABEL_AREA.0 - 2 * MARGIN - TITLE_HEIGHT),
+                f64::from(height - LABEL_AREA.0 - 2 * MARGIN - TITLE_HEIGHT),
             );
             let unit = ((x.1 - x.0) / inner.0).max((y.1 - y.0) / inner.1);
             let widen = |(low, high): (f64, f64), to: f64| {
@@ -308,14 +309,14 @@ impl Chart {
         B::ErrorType: 'static,
     {
         picture::prepare_font();
-        let ((x0, x1), (y0, y1)) = self.ranges();
         root.fill(&WHITE)?;
-        // A map has empty corners; over a time axis a legend would hide the lines it explains.
-        let area = if alone && !self.equal_axes {
+        // Within the plot a legend would hide lines.
+        let area = if alone {
             legend::below(root, &self.series)?
         } else {
             root.clone()
         };
+        let ((x0, x1), (y0, y1)) = self.ranges(area.dim_in_pixel().1 / SCALE);
         let mut chart = ChartBuilder::on(&area)
             .caption(&self.title, text(17))
             .margin(MARGIN * SCALE)
@@ -359,28 +360,14 @@ impl Chart {
             let named = after.filter(|series| !series.label.is_empty());
             let style = line_style(series, named.count());
             let points = thinned(&series.points);
-            let drawn = match scaled_dashes(series) {
+            match scaled_dashes(series) {
                 Some((dash, gap)) => {
-                    chart.draw_series(DashedLineSeries::new(points, dash, gap, style))?
+                    chart.draw_series(DashedLineSeries::new(points, dash, gap, style))?;
                 }
-                None => chart.draw_series(LineSeries::new(points, style))?,
-            };
-            if self.equal_axes && !series.label.is_empty() {
-                drawn
-                    .label(&series.label)
-                    .legend(|at| legend::sample(series, at));
+                None => {
+                    chart.draw_series(LineSeries::new(points, style))?;
+                }
             }
-        }
-        if self.equal_axes && self.series.iter().any(|series| !series.label.is_empty()) {
-            chart
-                .configure_series_labels()
-                .position(SeriesLabelPosition::UpperRight)
-                .background_style(WHITE.mix(0.85))
-                .border_style(GRID.stroke_width(SCALE))
-                .legend_area_size(36 * SCALE)
-                .margin(8 * SCALE)
-                .label_font(text(13))
-                .draw()?;
         }
         let plot = chart.plotting_area().get_pixel_range();
         root.present()?;
@@ -475,7 +462,11 @@ mod tests {
 
     #[test]
     fn what_does_not_change_is_shown_against_zero() {
-        let axis = |value: f64| chart(vec![(0.0, value), (10.0, value + 1e-6)]).ranges().1;
+        let axis = |value: f64| {
+            chart(vec![(0.0, value), (10.0, value + 1e-6)])
+                .ranges(300)
+                .1
+        };
         assert_eq!(axis(0.0), (-1.0, 1.0));
         let (low, high) = axis(2.0);
         assert!(low == 0.0 && (high - 2.2).abs() < 1e-4, "{low} {high}");
@@ -561,7 +552,7 @@ mod tests {
     fn a_map_has_one_scale() {
         let mut map = chart(vec![(0.0, 0.0), (1.0, 10.0)]);
         map.equal_axes = true;
-        let ((x0, x1), (y0, y1)) = map.ranges();
+        let ((x0, x1), (y0, y1)) = map.ranges(300);
         let inner = (400.0 - 62.0 - 28.0, 300.0 - 46.0 - 28.0 - 30.0);
         assert!(((x1 - x0) / inner.0 - (y1 - y0) / inner.1).abs() < 1e-9);
     }

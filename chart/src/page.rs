@@ -57,26 +57,27 @@ pub fn escape(text: &str) -> String {
         .replace('"', "&quot;")
 }
 
-/// Appends a chart, with its legend under it when it is not a map. `class` is `map` or nothing.
+/// Appends a chart, with its legend under it. `class` is `map` or nothing.
 ///
 /// # Errors
 /// When the chart cannot be drawn.
 pub fn figure(out: &mut String, class: &str, chart: &Chart) -> Result<(), ChartError> {
     let (svg, plot) = chart.to_svg_with_plot()?;
     let _ = write!(out, "<figure class=\"{class}\" data-plot=\"{plot}\">{svg}");
-    if !chart.equal_axes {
-        out.push_str("<figcaption>");
-        for series in &chart.series {
-            let _ = write!(
-                out,
-                "<span><i style=\"border-top:{}\"></i>{}</span>",
-                Chart::css_line(series),
-                escape(&series.label),
-            );
-        }
-        out.push_str("</figcaption>");
+    out.push_str("<figcaption>");
+    for series in chart
+        .series
+        .iter()
+        .filter(|series| !series.label.is_empty())
+    {
+        let _ = write!(
+            out,
+            "<span><i style=\"border-top:{}\"></i>{}</span>",
+            Chart::css_line(series),
+            escape(&series.label),
+        );
     }
-    out.push_str("</figure>");
+    out.push_str("</figcaption></figure>");
     Ok(())
 }
 

@@ -9,6 +9,7 @@ use plotters::prelude::*;
 #[cfg(not(target_arch = "wasm32"))]
 use plotters::style::{FontStyle, register_font};
 
+use crate::bitmap::Bitmap;
 use crate::{Chart, ChartError, SCALE};
 
 /// Pixels of a PNG per nominal pixel.
@@ -118,7 +119,7 @@ impl Chart {
         let drawn = (self.size.0 * SCALE, self.size.1 * SCALE);
         let mut buffer = vec![255; drawn.0 as usize * drawn.1 as usize * 3];
         {
-            let area = BitMapBackend::with_buffer(&mut buffer, drawn).into_drawing_area();
+            let area = Bitmap::new(&mut buffer, drawn).into_drawing_area();
             self.draw(&area, true)
                 .map_err(|reason| self.failed(&reason))?;
         }
@@ -175,6 +176,33 @@ mod tests {
                     chart,
                 },
             ],
+        }
+    }
+
+    #[test]
+    fn a_line_that_turns_back_has_no_spike_beyond_its_data() {
+        let mut chart = sheet().charts.remove(0).chart;
+        // Back and forth within a pixel or two.
+        let noise = (0..100).map(|n| (0.4 + 2e-3 * f64::from(n), f64::from(n * 37 % 11) / 22.0));
+        chart.series[0].points = [(0.0, 0.0)].into_iter().chain(noise).collect();
+        chart.series[0].points.extend([(0.9, 0.0), (1.0, 1.0)]);
+        let (_, (across, down)) = chart.svg(true).unwrap();
+        let pixels = chart.pixels().unwrap();
+        let width = (chart.size.0 * ZOOM) as usize;
+        let zoomed = |drawn: i32| drawn as usize / BLOCK as usize;
+        // Up to half of the plot's height at half of its width; a quarter of the width around.
+        let (left, right) = (zoomed(across.start), zoomed(across.end));
+        let columns = left + (right - left) * 3 / 8..left + (right - left) * 5 / 8;
+        let top = zoomed(down.start) + (zoomed(down.end) - zoomed(down.start)) / 3;
+        let RGBColor(r, _, b) = PALETTE[1];
+        assert!(r > b, "orange");
+        for (n, pixel) in pixels.chunks_exact(3).enumerate() {
+            let (row, column) = (n / width, n % width);
+            let outside = row < top || row > zoomed(down.end) + 4;
+            if outside && columns.contains(&column) {
+                let is_orange = i16::from(pixel[0]) > i16::from(pixel[2]) + 8;
+                assert!(!is_orange, "{column}, {row}: {pixel:?}");
+            }
         }
     }
 

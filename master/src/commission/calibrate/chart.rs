@@ -149,16 +149,5 @@ fn chart(title: &str, x_label: &str, lines: &[(&str, Vec<Row>)]) -> Chart {
             series.push(line("", bar.to_vec(), color));
         }
     }
-    // A point at no speed, high up: the legend shall not cover a line.
-    let all = || lines.iter().flat_map(|(_, rows)| rows);
-    let ends =
-        |f: fn(f64, f64) -> f64, from: f64| all().map(|row| row.fit.coefficient).fold(from, f);
-    let (low, high) = (ends(f64::min, f64::INFINITY), ends(f64::max, 0.0));
-    series.push(Series {
-        label: String::new(),
-        color: Some(PALETTE[0]),
-        stroke: Stroke::Line,
-        points: vec![(0.0, high + 0.5 * (high - low).max(0.002))],
-    });
     framed(title, x_label, series)
 }
