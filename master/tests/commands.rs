@@ -3,7 +3,7 @@
 
 mod common;
 
-use common::{check, omnibus, transcript};
+use common::{check, omnibus, root, transcript};
 use serde_json::Value;
 
 #[path = "commands/commissioning.rs"]
@@ -243,6 +243,29 @@ fn a_group_of_ones_own() {
     let checked = omnibus(&["group", "check", &file, "--json"]);
     let found: Value = serde_json::from_slice(&checked.stdout).unwrap();
     assert_eq!(found["problems"].as_array().unwrap().len(), 5);
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn a_group_that_no_simulated_bus_takes_is_not_good() {
+    let folder = std::env::temp_dir().join(format!("omnibus-tips-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let file = folder.join("tips.toml").display().to_string();
+    let text = std::fs::read_to_string(root().join("groups/single.toml")).unwrap();
+    let text = text.replace("plant = \"table\"\ntables", "plant = \"contact\" #");
+    assert!(text.contains("plant = \"contact\""), "{text}");
+    let payload = |y: f64| format!("{text}\n[simulation.payload]\nmass = 400\ny = {y}\n");
+    std::fs::write(&file, payload(0.8)).unwrap();
+    let checked = omnibus(&["group", "check", &file, "--json"]);
+    assert_eq!(checked.status.code(), Some(6));
+    let found: Value = serde_json::from_slice(&checked.stdout).unwrap();
+    let problem = found["problems"][0]["problem"].as_str().unwrap();
+    assert!(
+        problem.contains("simulation.payload: tips the group over"),
+        "{problem}"
+    );
+    std::fs::write(&file, payload(0.2)).unwrap();
+    assert_eq!(omnibus(&["group", "check", &file]).status.code(), Some(0));
     std::fs::remove_dir_all(folder).unwrap();
 }
 

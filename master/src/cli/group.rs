@@ -1,6 +1,8 @@
 //! `omnibus group`: group files, from the first one to the robots.
 
 use std::io::Write as _;
+#[cfg(feature = "simulation")]
+use std::path::Path;
 use std::path::PathBuf;
 
 use anyhow::bail;
@@ -160,6 +162,8 @@ fn check(files: &[PathBuf]) -> anyhow::Result<()> {
                 warnings: Vec::new(),
             },
         };
+        #[cfg(feature = "simulation")]
+        let found = simulated(found, file);
         for error in &found.errors {
             print_line(error)?;
             problems.push(finding_json(error));
@@ -187,6 +191,17 @@ fn check(files: &[PathBuf]) -> anyhow::Result<()> {
         1 => Err(Found("1 problem found".into()).into()),
         count => Err(Found(format!("{count} problems found")).into()),
     }
+}
+
+/// The same, with what a simulated world says of the group.
+#[cfg(feature = "simulation")]
+fn simulated(mut found: Examination, file: &Path) -> Examination {
+    let refusal = |group| omnibus::simulation::refusal(group, file);
+    if let Some(error) = found.group.as_ref().and_then(refusal) {
+        found.group = None;
+        found.errors.push(error);
+    }
+    found
 }
 
 fn finding_json(error: &GroupError) -> serde_json::Value {
