@@ -553,14 +553,21 @@ class Network(RosTest):
                 "os.environ['CYCLONEDDS_URI'] = ('<CycloneDDS><Domain><General><Interfaces><NetworkInterface "
                 "address=\"10.77.0.2\"/></Interfaces><AllowMulticast>false</AllowMulticast></General><Discovery>"
                 "<ParticipantIndex>0</ParticipantIndex></Discovery></Domain></CycloneDDS>')\n"
-                "reader = ros_peer.Peer(domain=7).reader('odom', 'nav_msgs/msg/Odometry')\n"
+                "reader = ros_peer.Peer(domain={}).reader('odom', 'nav_msgs/msg/Odometry')\n"
                 "ros_peer.until('odom', lambda: ros_peer.taken(reader), 20)")
-        peer = ["ip", "netns", "exec", there, sys.executable, "-B", "-c", code]
-        for peers, only, found in (("", "0", False), ("10.77.0.2", "0", True), ("10.77.0.2", "1", False)):
+        cases = (("", "0", False), ("10.77.0.2", "0", True), ("10.77.0.2", "1", False))
+        begun = []
+        for domain, (peers, only, found) in enumerate(cases, start=7):
+            node = Node(self, within=here, domain=domain, ROS_LOCALHOST_ONLY=only, ROS_STATIC_PEERS=peers)
+            peer = subprocess.Popen(
+                ["ip", "netns", "exec", there, sys.executable, "-B", "-c", code.replace("{}", str(domain))],
+                cwd=ROOT / "tests" / "interop", stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+            self.addCleanup(peer.kill)
+            begun.append((node, peer))
+        for (node, peer), (peers, only, found) in zip(begun, cases):
             with self.subTest(peers=peers, only=only):
-                node = Node(self, within=here, domain=7, ROS_LOCALHOST_ONLY=only, ROS_STATIC_PEERS=peers)
-                heard = subprocess.run(peer, cwd=ROOT / "tests" / "interop", capture_output=True, text=True)
-                self.assertEqual(heard.returncode == 0, found, heard.stderr)
+                _, words = peer.communicate()
+                self.assertEqual(peer.returncode == 0, found, words)
                 self.assertEqual(node.end(), 0, node.said)
 
     def ip(self, *arguments):

@@ -38,23 +38,18 @@ const ROBOT_TESTS: [&str; 5] = [
 /// Updates and the emulator's own ways in.
 const UPDATE_TESTS: [&str; 3] = ["test_emulate", "test_update", "test_update_command"];
 
-/// What computes on all processors, in no time but its own: it yields to what runs in real time.
+/// What computes, on all processors.
 const COMPUTING_TESTS: [&str; 1] = ["test_mujoco"];
 
-/// What drives a master with simulated robots in real time: its page and files, ROS 2, fleets.
-const MASTER_TESTS: [&str; 7] = [
-    "test_page",
-    "test_live",
-    "test_recording",
-    "test_foreign",
-    "test_ros",
-    "test_ros_fast",
-    "test_vda5050",
-];
+/// What drives a master with simulated robots in real time: its page and files.
+const MASTER_TESTS: [&str; 4] = ["test_page", "test_live", "test_recording", "test_foreign"];
 
-/// Builds everything, then runs every test, in two rows: in one a master drives robots in real
-/// time, for which one core is enough; in the other is what computes. A test that fails does not
-/// hide the others.
+/// The same by ROS 2 and fleets, which mostly waits.
+const NETWORK_TESTS: [&str; 3] = ["test_ros", "test_ros_fast", "test_vda5050"];
+
+/// Builds everything, then runs every test, in three rows. In two of them masters drive robots in
+/// real time, which mostly waits; the third computes. What has no time but its own yields to what
+/// has. A test that fails does not hide the others.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let tests = cargo::root().join("tests/interop");
     system_packages()?;
@@ -74,14 +69,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     release::development(image.clone())?;
 
     let _awake = Awake::new(&python)?;
-    let python_tests = |files: &[&str], backend: &str| {
-        let mut command = if files == COMPUTING_TESTS {
-            let mut command = Command::new("nice");
-            command.args(["-n", "15"]).arg(&python);
-            command
-        } else {
-            Command::new(&python)
-        };
+    let yielding = || {
+        let mut command = Command::new("nice");
+        command.args(["-n", "15"]).arg(&python);
+        command
+    };
+    let python_tests = |mut command: Command, files: &[&str], backend: &str| {
         command
             .current_dir(&tests)
             .args(["-B", "-m", "unittest"])
@@ -99,7 +92,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     };
     let batch = |files: &[&str], backend: &str, cable: bool| {
         let at_the_cable = if cable { ", at the robot's cable" } else { "" };
-        let mut command = python_tests(files, backend);
+        let in_real_time = Command::new(&python);
+        let mut command = python_tests(in_real_time, files, backend);
         if cable {
             command.env("OMNIBUS_CABLE", "1");
         }
@@ -122,12 +116,16 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     // Reads what those before it have logged.
     robots.push(batch(&["test_log"], "logs", false));
     robots.extend(MASTER_TESTS.map(|file| batch(&[file], "native", false)));
-    let mut others = vec![
-        batch(&COMPUTING_TESTS, "native", false),
-        batch(&UPDATE_TESTS, "emulator", false),
-    ];
+    let patient = |files: &[&str], backend: &str| {
+        let name = format!("{backend}: {}", files.join(", "));
+        Program::new(name, python_tests(yielding(), files, backend))
+    };
+    let mut others: Vec<_> = NETWORK_TESTS
+        .map(|file| batch(&[file], "native", false))
+        .into();
+    others.push(patient(&UPDATE_TESTS, "emulator"));
     for (file, example) in [("test_device.py", "interop"), ("test_client.py", "sdo")] {
-        let mut command = Command::new(&python);
+        let mut command = yielding();
         command
             .current_dir(cargo::root())
             .arg("-B")
@@ -135,7 +133,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             .arg(built.join("examples").join(example));
         others.push(Program::new(format!("canopen: {file}"), command));
     }
-    programs::in_rows([robots, others])
+    programs::in_rows([robots, others, vec![patient(&COMPUTING_TESTS, "native")]])
 }
 
 /// Has a multi-body simulation say how many of a calibration's intervals hold.

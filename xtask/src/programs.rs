@@ -2,7 +2,7 @@
 //!
 //! `cargo test` runs one test program after the other, and what is slow in most of them is a single
 //! test: a core would stand idle. Here each core has a program of its own, which runs its tests one
-//! by one. Tests with third-party software, many of them in real time, run in two rows instead. A
+//! by one. Tests with third-party software, many of them in real time, run in rows instead. A
 //! program's output is printed when it has ended, so that two never mix.
 
 use std::collections::VecDeque;
