@@ -65,6 +65,10 @@ class MuJoCo(unittest.TestCase):
         self.addCleanup(plant.close)
         return plant
 
+
+class Phases(MuJoCo):
+    """What the phases that the tool finds are worth."""
+
     def drive(self, plant, curve):
         text = plant.omnibus("follow", curve, "--compensation", "off", "--json")
         return json.loads(text)["runs"][0]
@@ -97,11 +101,18 @@ class MuJoCo(unittest.TestCase):
     def test_eight_rollers_by_gyro(self):
         self.check(8, 3, "--gyro", "sim")
 
+    def test_ten_rollers_by_poses(self):
+        self.check(10, 11)
+
     def test_intervals_hold(self):
         """Phases of six robots, each in a world of its own: nearly all of the intervals of 95 % hold the truth."""
         held, count = multi_body.ask(range(1, 7), multi_body.phases, 3)
         self.assertEqual(count, 24)
         self.assertGreaterEqual(held, HOLD)
+
+
+class Paths(MuJoCo):
+    """Where the wheels lead without them."""
 
     def test_rollers_that_turn_on_lose_nothing_by_speed(self):
         """With even wheels at 0.25 and 1 m/s sideways. A hand-over loss of 0.0013 s/m would be 0.1 points."""
@@ -155,6 +166,3 @@ class MuJoCo(unittest.TestCase):
         print(feedback)
         self.assertLess(feedback["rms_mm"], 10)
         self.assertLess(feedback["rms_mm"], feedback["rms_mm_without"] / 2)
-
-    def test_ten_rollers_by_poses(self):
-        self.check(10, 11)

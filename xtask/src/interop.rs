@@ -38,18 +38,23 @@ const ROBOT_TESTS: [&str; 5] = [
 /// Updates and the emulator's own ways in.
 const UPDATE_TESTS: [&str; 3] = ["test_emulate", "test_update", "test_update_command"];
 
-/// What computes, on all processors.
-const COMPUTING_TESTS: [&str; 1] = ["test_mujoco"];
+/// What computes.
+const COMPUTING_TESTS: [&str; 2] = ["test_mujoco.Phases", "test_mujoco.Paths"];
 
-/// What drives a master with simulated robots in real time: its page and files.
-const MASTER_TESTS: [&str; 4] = ["test_page", "test_live", "test_recording", "test_foreign"];
+/// What drives a master with simulated robots in real time: its page and files, ROS 2, fleets.
+const MASTER_TESTS: [&str; 7] = [
+    "test_page",
+    "test_live",
+    "test_recording",
+    "test_foreign",
+    "test_ros",
+    "test_ros_fast",
+    "test_vda5050",
+];
 
-/// The same by ROS 2 and fleets, which mostly waits.
-const NETWORK_TESTS: [&str; 3] = ["test_ros", "test_ros_fast", "test_vda5050"];
-
-/// Builds everything, then runs every test, in three rows. In two of them masters drive robots in
-/// real time, which mostly waits; the third computes. What has no time but its own yields to what
-/// has. A test that fails does not hide the others.
+/// Builds everything, then runs every test, in four rows. In two of them masters drive robots in
+/// real time, which mostly waits. What is in the others has no time but its own, and yields to
+/// these. A test that fails does not hide the others.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let tests = cargo::root().join("tests/interop");
     system_packages()?;
@@ -115,15 +120,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     // Reads what those before it have logged.
     robots.push(batch(&["test_log"], "logs", false));
-    robots.extend(MASTER_TESTS.map(|file| batch(&[file], "native", false)));
     let patient = |files: &[&str], backend: &str| {
         let name = format!("{backend}: {}", files.join(", "));
         Program::new(name, python_tests(yielding(), files, backend))
     };
-    let mut others: Vec<_> = NETWORK_TESTS
-        .map(|file| batch(&[file], "native", false))
-        .into();
-    others.push(patient(&UPDATE_TESTS, "emulator"));
+    let masters = MASTER_TESTS.map(|file| batch(&[file], "native", false));
+    let [phases, paths] = COMPUTING_TESTS.map(|test| patient(&[test], "native"));
+    let updates = patient(&UPDATE_TESTS, "emulator");
+    let mut first = vec![phases];
     for (file, example) in [("test_device.py", "interop"), ("test_client.py", "sdo")] {
         let mut command = yielding();
         command
@@ -131,9 +135,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             .arg("-B")
             .arg(Path::new("canopen/interop").join(file))
             .arg(built.join("examples").join(example));
-        others.push(Program::new(format!("canopen: {file}"), command));
+        first.push(Program::new(format!("canopen: {file}"), command));
     }
-    programs::in_rows([robots, others, vec![patient(&COMPUTING_TESTS, "native")]])
+    programs::in_rows([robots, masters.into(), first, vec![paths, updates]])
 }
 
 /// Has a multi-body simulation say how many of a calibration's intervals hold.
