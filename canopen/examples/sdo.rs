@@ -4,7 +4,7 @@
 //! line, and answers each with one line: `read INDEX SUB`, `read-block INDEX SUB`, `write INDEX SUB
 //! BYTES`, `write-block INDEX SUB BYTES`, all in hexadecimal. The answer is the bytes, `ok` or why
 //! not. `nmt COMMAND` (start, stop, pre-operational, reset) sends a NMT command; `state` waits for
-//! the next boot-up or heartbeat and answers with it, or with `silent` after three seconds without
+//! the next boot-up or heartbeat and answers with it, or with `silent` after ten seconds without
 //! one.
 
 mod slcan;
@@ -77,9 +77,7 @@ fn main() -> std::io::Result<()> {
     let node = node.and_then(NodeId::new).unwrap_or(NodeId::MIN);
     let mut bus = slcan::Slcan::listen("127.0.0.1:29536")?;
     let mut client = SdoClient::new(node, Micros::from_millis(2_000));
-    while !bus.has_client() {
-        bus.receive();
-    }
+    bus.wait_for_client();
     for line in std::io::stdin().lines() {
         let line = line?;
         if line == "state" {

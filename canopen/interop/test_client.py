@@ -8,6 +8,8 @@
 The node of python-canopen has no block transfers; that it refuses them is part of the test.
 """
 
+import signal
+import socket
 import subprocess
 import sys
 import unittest
@@ -22,12 +24,7 @@ BINARY = "target/debug/examples/sdo"
 class Client(unittest.TestCase):
     def setUp(self):
         port = free_port()
-        self.process = subprocess.Popen(
-            [BINARY, f"127.0.0.1:{port}", str(NODE)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
+        self.start(port)
         wait_for_port(port)
         self.network = canopen.Network()
         channel = f"socket://127.0.0.1:{port}"
@@ -37,12 +34,23 @@ class Client(unittest.TestCase):
         # No heartbeat until the master asks for one; python-canopen wants to read it when it boots.
         self.node.sdo[0x1017].raw = 0
 
+    def start(self, port):
+        self.process = subprocess.Popen(
+            [BINARY, f"127.0.0.1:{port}", str(NODE)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        self.addCleanup(self.end, self.process)
+
+    def end(self, process):
+        process.kill()
+        process.wait()
+        process.stdin.close()
+        process.stdout.close()
+
     def tearDown(self):
         self.network.disconnect()
-        self.process.kill()
-        self.process.wait()
-        self.process.stdin.close()
-        self.process.stdout.close()
 
     def say(self, line):
         self.process.stdin.write(line + "\n")
@@ -107,6 +115,21 @@ class Client(unittest.TestCase):
         self.node.nmt.stop_heartbeat()
         said = next(filter("silent".__eq__, (self.ask("state") for _ in range(20))), None)
         self.assertEqual(said, "silent")
+
+    def test_what_came_before_the_program_looked_is_heard(self):
+        self.network.disconnect()
+        self.process.kill()
+        self.process.wait()
+        port = free_port()
+        self.start(port)
+        wait_for_port(port)
+        self.process.send_signal(signal.SIGSTOP)
+        # A client that goes again, and one that sends a boot-up and stays.
+        socket.create_connection(("127.0.0.1", port)).close()
+        with socket.create_connection(("127.0.0.1", port)) as client:
+            client.sendall(f"t{0x700 + NODE:03X}100\r".encode())
+            self.process.send_signal(signal.SIGCONT)
+            self.assertEqual(self.ask("state"), "boot-up")
 
     def test_silence(self):
         self.network.disconnect()

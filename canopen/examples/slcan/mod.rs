@@ -31,10 +31,12 @@ impl Slcan {
         })
     }
 
-    /// Whether a client is there.
-    #[allow(dead_code)] // Not every example asks.
-    pub fn has_client(&self) -> bool {
-        self.stream.is_some()
+    /// Waits for a client; what it sends is received afterwards.
+    #[allow(dead_code)] // Not every example waits.
+    pub fn wait_for_client(&mut self) {
+        while self.stream.is_none() && self.received.is_empty() {
+            self.read();
+        }
     }
 
     /// Time since the start.
