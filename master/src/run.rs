@@ -184,6 +184,39 @@ pub enum DriveError {
     /// The recorded path.
     #[error(transparent)]
     Metrics(#[from] MetricsError),
+    /// The drive ended before its curve did.
+    #[error(transparent)]
+    Stopped(Box<Stopped>),
+}
+
+/// A drive that ended before its curve did, by a wish or a fault.
+#[derive(Debug, thiserror::Error)]
+#[error("{error}")]
+pub struct Stopped {
+    /// Why.
+    pub error: MasterError,
+    /// What was driven.
+    pub run: Run,
+}
+
+impl DriveError {
+    /// The master's own error, where it is one.
+    #[must_use]
+    pub fn master(&self) -> Option<&MasterError> {
+        match self {
+            Self::Master(error) => Some(error),
+            Self::Stopped(stopped) => Some(&stopped.error),
+            _ => None,
+        }
+    }
+
+    /// The error of a drive that ended early: with what was driven, where that can be measured.
+    pub(crate) fn stopped(error: MasterError, run: Result<Run, Self>) -> Self {
+        match run {
+            Ok(run) => Self::Stopped(Box::new(Stopped { error, run })),
+            Err(_) => Self::Master(error),
+        }
+    }
 }
 
 /// Theory and group of every row.
@@ -212,6 +245,8 @@ pub(crate) struct Driven {
     pub sightings: Vec<Sighting>,
     /// How punctual SYNC was; `None` on a bus with virtual time.
     pub punctuality: Option<Punctuality>,
+    /// Why the path was not driven to its end, where it was not.
+    pub stopped: Option<MasterError>,
 }
 
 /// One session of the master along `plan`: claims the bus, configures, starts, drives and stands
@@ -246,7 +281,7 @@ pub(crate) fn session<L: Link>(
     let first = group.recorder().rows().len();
     watch(group.link(), None);
     let mut instants = Vec::new();
-    group.follow_with(plan, steering.as_mut(), &mut |link, instant| {
+    let followed = group.follow_with(plan, steering.as_mut(), &mut |link, instant| {
         instants.push(*instant);
         watch(link, Some(instant));
         let share = (instant.t / instant.duration).min(1.0);
@@ -254,7 +289,7 @@ pub(crate) fn session<L: Link>(
             DRIVING.start + share * (DRIVING.end - DRIVING.start),
             "driving",
         );
-    })?;
+    });
     Ok(Driven {
         rows: group.recorder().rows().to_vec(),
         first,
@@ -263,6 +298,7 @@ pub(crate) fn session<L: Link>(
             .map(|steering| steering.sightings)
             .unwrap_or_default(),
         punctuality: group.punctuality(),
+        stopped: followed.err(),
     })
 }
 
@@ -275,7 +311,8 @@ pub(crate) fn has_rollers(group: &GroupFile) -> bool {
 /// poses was given, the errors are by that. Returns how punctual SYNC was, too.
 ///
 /// # Errors
-/// When anything on the way fails; the group has then been told to stand.
+/// When anything on the way fails; the group has then been told to stand. On the curve that is
+/// [`DriveError::Stopped`], with what was driven.
 pub fn measured<L: Link>(
     link: L,
     drive: &Drive<'_>,
@@ -293,7 +330,7 @@ pub fn measured<L: Link>(
             recorder.plan(link.now(), instant.pose);
         }
     };
-    let driven = session(
+    let mut driven = session(
         link,
         drive,
         &plan,
@@ -301,6 +338,17 @@ pub fn measured<L: Link>(
         progress,
         &mut watch,
     )?;
+    let (stopped, punctuality) = (driven.stopped.take(), driven.punctuality);
+    let run = by_wheels(drive, &plan, driven);
+    if let Some(error) = stopped {
+        return Err(DriveError::stopped(error, run));
+    }
+    progress(1.0, "done");
+    Ok((run?, punctuality))
+}
+
+/// A drive as the robots' own wheels saw it, and its errors by them or by another observer.
+fn by_wheels(drive: &Drive<'_>, plan: &Plan, driven: Driven) -> Result<Run, DriveError> {
     let mounts: Vec<_> = drive.group.robots.iter().map(|robot| robot.mount).collect();
     let by_wheels = odometry::rows(plan.at(0.0).0, &mounts, &driven.instants, &driven.rows);
     let points = match &drive.feedback {
@@ -315,8 +363,7 @@ pub fn measured<L: Link>(
             .collect(),
         None => path(&by_wheels),
     };
-    progress(1.0, "done");
-    let run = Run {
+    Ok(Run {
         compensation: drive.compensation,
         phase: has_rollers(drive.group),
         errors: path_errors(&points)?,
@@ -329,8 +376,7 @@ pub fn measured<L: Link>(
         realtime_factor: 1.0,
         truth: by_wheels,
         rows: driven.rows,
-    };
-    Ok((run, driven.punctuality))
+    })
 }
 
 /// Puts runs of one group along one curve together.
@@ -350,5 +396,6 @@ pub fn report(group: &GroupFile, trajectory: &str, backend: BackendName, runs: V
         robots: robots.collect(),
         runs,
         paper: false,
+        stopped: None,
     }
 }

@@ -240,6 +240,38 @@ fn ctrl_c_at_any_moment_of_an_identification() {
     at_any_moment(&["identify-motors", "--node", "2", "--wheels-free"]);
 }
 
+/// What was driven up to a Ctrl-C is in the report, which says so. Where nothing was driven yet, no
+/// report replaces the one that is there.
+#[test]
+fn ctrl_c_in_a_drive_with_a_report() {
+    let file = Path::new(env!("CARGO_TARGET_TMPDIR")).join("interrupted.html");
+    let before = "the report of another drive";
+    std::fs::write(&file, before).unwrap();
+    let path = file.to_str().unwrap();
+    let follow = ["follow", "circle", "--quick", "--report", path];
+    let (served, bus) = serve();
+    let whole = run(&follow, &bus, usize::MAX);
+    assert_eq!(whole.code, Some(0));
+    drop(served);
+    let complete = std::fs::read_to_string(&file).unwrap();
+    assert!(!complete.contains("before the end of the curve"));
+    std::fs::write(&file, before).unwrap();
+    for (stop, is_driving) in [(2, false), (whole.sent * 3 / 4, true)] {
+        let (_served, bus) = serve();
+        let ended = run(&follow, &bus, stop);
+        assert_eq!(ended.code, Some(130));
+        let report = std::fs::read_to_string(&file).unwrap();
+        if is_driving {
+            assert!(report.contains("before the end of the curve: stopped on request"));
+            let charts = |page: &str| page.matches("<svg").count();
+            assert_eq!(charts(&report), charts(&complete));
+        } else {
+            assert_eq!(report, before);
+        }
+        assert!(states(&bus).iter().all(|(nmt, _)| nmt == "PreOperational"));
+    }
+}
+
 /// The frames of a recording are sent up to a Ctrl-C, and no robot stays in OPERATIONAL.
 #[test]
 fn ctrl_c_in_a_replay() {

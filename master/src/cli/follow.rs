@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use anyhow::Context as _;
 use canopen::Micros;
 use clap::ValueEnum as _;
+use group::GroupFile;
 use kinematics::Pose;
 use omnibus::bus::address::BusAddress;
 use omnibus::bus::punctuality::Punctuality;
@@ -14,8 +15,8 @@ use omnibus::path::course::{Course, Frame, Shape};
 use omnibus::path::curve::{Curve, RAMP};
 use omnibus::path::file::FARTHEST;
 use omnibus::path::steering::Law;
-use omnibus::report::{self, BackendName, Run};
-use omnibus::run::{self, Drive, Feedback, Record, Source};
+use omnibus::report::{self, BackendName, Report, Run};
+use omnibus::run::{self, Drive, DriveError, Feedback, Record, Source, Stopped};
 use omnibus::session::roller_index::IndexSearch;
 #[cfg(feature = "simulation")]
 use omnibus::simulation::run::simulated;
@@ -149,7 +150,8 @@ pub struct Arguments {
     /// Drives only the first seconds of the curve.
     #[arg(long)]
     quick: bool,
-    /// Writes an HTML report with charts; an existing file is replaced.
+    /// Writes an HTML report with charts, also of a drive that ends early; an existing file is
+    /// replaced.
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
     /// Recorded are the curve and what an observer saw, too.
@@ -193,6 +195,43 @@ impl Arguments {
             }
         }
         Ok(())
+    }
+
+    /// What is reported of one drive.
+    fn results(&self, group: &GroupFile, run: Run) -> Report {
+        let backend = match self.target.bus {
+            BusAddress::Sim(_) => self.target.backend,
+            _ => BackendName::Robots,
+        };
+        let mut report = run::report(group, &self.course().name(), backend, vec![run]);
+        report.paper = self.paper;
+        report
+    }
+
+    /// Writes the HTML report, if one is asked for.
+    fn write_report(&self, report: &Report) -> anyhow::Result<()> {
+        let Some(path) = &self.report else {
+            return Ok(());
+        };
+        file::replace(path, report::html::to_html(report)?)
+            .with_context(|| format!("cannot write {}", path.display()))
+    }
+
+    /// Writes the report of a drive that ended before its curve did, and returns why it ended.
+    fn ended(&self, group: &GroupFile, error: anyhow::Error) -> anyhow::Error {
+        match error.downcast() {
+            Ok(DriveError::Stopped(stopped)) => {
+                let Stopped { error, run } = *stopped;
+                let mut report = self.results(group, run);
+                report.stopped = Some(error.to_string());
+                if let Err(problem) = self.write_report(&report) {
+                    print_note(format_args!("{problem:#}"));
+                }
+                error.into()
+            }
+            Ok(error) => error.into(),
+            Err(error) => error,
+        }
     }
 
     /// The feedback of each drive: without first, where that is wanted for comparison.
@@ -269,25 +308,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         let driven = drive_once(target, &group, &drive, &name);
         // What was heard is kept however it ended, and the result is printed whatever became of it.
         recorded = recorder::finish(recorder);
-        let (run, sync) = driven?;
+        let (run, sync) = driven.map_err(|error| arguments.ended(&group, error))?;
         runs.push(run);
         syncs.push(sync);
     }
     let rms: Vec<f64> = runs.iter().map(|run| run.errors.rms_mm).collect();
     let last = runs.pop().context("nothing was driven")?;
-    let backend = if simulated {
-        target.backend
-    } else {
-        BackendName::Robots
-    };
-    let mut report = run::report(&group, &name, backend, vec![last]);
-    report.paper = arguments.paper;
-    let reported = match &arguments.report {
-        Some(path) => file::replace(path, report::html::to_html(&report)?)
-            .with_context(|| format!("cannot write {}", path.display())),
-        None => Ok(()),
-    };
-    let written = recorded.and(reported);
+    let report = arguments.results(&group, last);
+    let written = recorded.and(arguments.write_report(&report));
     let law = feedbacks.last().and_then(|f| f.as_ref()).map(|f| f.law);
     if json() {
         let mut document: Value = serde_json::from_str(&report::json::to_json(&report))?;
@@ -336,7 +364,7 @@ fn rounded(value: Option<f64>) -> Option<f64> {
 
 fn drive_once(
     target: &Target,
-    group: &group::GroupFile,
+    group: &GroupFile,
     drive: &Drive<'_>,
     name: &str,
 ) -> anyhow::Result<(Run, Option<Punctuality>)> {

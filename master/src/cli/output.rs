@@ -245,14 +245,16 @@ pub fn print_error(error: &anyhow::Error) {
 
 /// The master's error that an error is. Those that hold it do not have it in their chains.
 fn master_error<'a>(error: &'a (dyn std::error::Error + 'static)) -> Option<&'a MasterError> {
-    if let Some(DriveError::Master(inner)) = error.downcast_ref() {
-        Some(inner)
+    if let Some(drive) = error.downcast_ref::<DriveError>() {
+        drive.master()
     } else if let Some(CalibrateError::Master(inner)) = error.downcast_ref() {
         Some(inner)
-    } else if let Some(AcceptError::Master(inner) | AcceptError::Drive(DriveError::Master(inner))) =
-        error.downcast_ref()
-    {
-        Some(inner)
+    } else if let Some(accept) = error.downcast_ref::<AcceptError>() {
+        match accept {
+            AcceptError::Master(inner) => Some(inner),
+            AcceptError::Drive(drive) => drive.master(),
+            _ => None,
+        }
     } else {
         error.downcast_ref()
     }

@@ -56,6 +56,15 @@ pub fn to_html(report: &Report) -> Result<String, ChartError> {
             Some(Scalar::F32) | None => "",
         },
     );
+    if let (Some(reason), Some(run)) = (&report.stopped, report.runs.last()) {
+        let seconds = run.truth.last().map_or(0.0, |row| row.t);
+        let _ = write!(
+            out,
+            "<p class=\"lead\"><strong>Ended after {seconds:.1} s, before the end of the curve: \
+             {}.</strong> What was driven until then is shown.</p>",
+            escape(reason)
+        );
+    }
     out.push_str("<div class=\"cards\">");
     let mut card = |value: String, text: &str| {
         let _ = write!(

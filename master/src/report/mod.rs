@@ -140,6 +140,8 @@ pub struct Report {
     pub runs: Vec<Run>,
     /// Whether figures are in the paper's axes, beside its values.
     pub paper: bool,
+    /// Why the last drive ended before its curve did, where it did.
+    pub stopped: Option<String>,
 }
 
 impl Report {

@@ -122,7 +122,8 @@ fn images(folder: &Path) -> Result<Vec<Firmware>, DriveError> {
 /// done, 0..=1, and the phase.
 ///
 /// # Errors
-/// When anything on the way fails; the group then stands.
+/// When anything on the way fails; the group then stands. On the curve that is
+/// [`DriveError::Stopped`], with what was driven.
 pub fn simulated(
     drive: &Drive<'_>,
     progress: &mut dyn FnMut(f64, &'static str),
@@ -149,19 +150,25 @@ pub fn simulated(
         write_log(path, &world.take_logs()).map_err(|error| file_error(path, &error))?;
     }
     let (truth, mut driven) = driven?;
-    let errors = path_errors(&path(&truth))?;
-    progress(1.0, "done");
-    Ok(Run {
+    let judged =
+        path_errors(&path(&truth)).and_then(|errors| Ok((errors, evenness(&path(&truth))?)));
+    let run = judged.map(|(errors, evenness)| Run {
         compensation: drive.compensation,
         phase: has_rollers(drive.group),
         errors,
-        evenness: evenness(&path(&truth))?,
+        evenness,
         shape_error_mm: world.worst_shape_error_mm(),
         bus_load_percent: Some(largest_load(&truth)),
         realtime_factor: world.now_ns() as f64 * 1e-9 / elapsed,
         truth,
         rows: driven.rows.split_off(driven.first),
-    })
+    });
+    let run = run.map_err(DriveError::from);
+    if let Some(error) = driven.stopped {
+        return Err(DriveError::stopped(error, run));
+    }
+    progress(1.0, "done");
+    run
 }
 
 /// One session of the master with a simulated world, and what an observer saw of it.
