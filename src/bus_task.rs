@@ -53,14 +53,17 @@ pub async fn bus(
             side.on_identification(now(), &outcome);
         }
         gateway.receive(&mut can);
-        while let Some(received) = can.try_receive() {
+        loop {
+            // Before each look into the queue: a vote that comes after the last look was expected.
+            can.expect_votes(side.votes_missing());
+            let Some(received) = can.try_receive() else {
+                break;
+            };
             side.on_frame(received.at, &received.frame);
             if side.is_updating() {
                 updates.program(side);
             }
         }
-        // Before anything else: after SYNC the first vote is a frame's time away.
-        can.expect_votes(side.votes_missing());
         // One time for the whole turn: reading the clock costs as much as checking a queue.
         let at = now();
         side.on_can_errors(at, &can.errors());
