@@ -118,7 +118,7 @@ def model(options, robots, phases):
     return f"""
     <mujoco>
       <compiler angle="radian" autolimits="true"/>
-      <option timestep="{options.step}" cone="elliptic" impratio="20" integrator="implicitfast"/>
+      <option timestep="{options.step}" cone="elliptic" impratio="20" integrator="implicitfast" jacobian="sparse"/>
       <default><geom type="sphere" friction="{options.friction} 0 0" condim="3" contype="1"
         conaffinity="2" solref="{options.contact_time} 1"/></default>
       <worldbody>

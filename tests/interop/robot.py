@@ -15,7 +15,9 @@ import pathlib
 import queue
 import signal
 import subprocess
+import sys
 import tempfile
+import time
 import unittest
 import zlib
 
@@ -75,8 +77,9 @@ class Robot(unittest.TestCase):
             arguments += ["--cable", cable]
         # What happens to the robot from outside comes as lines on its standard input.
         arguments += ["--fault", "-"]
+        self.notes = tempfile.TemporaryFile("w+")
         self.process = subprocess.Popen(
-            arguments, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+            arguments, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self.notes, text=True
         )
         self.addCleanup(self.end)
         name, address = self.process.stdout.readline().split()
@@ -91,7 +94,8 @@ class Robot(unittest.TestCase):
         self.addCleanup(self.network.disconnect)
         self.node = self.network.add_node(NODE, str(EDS))
         self.node.sdo.RESPONSE_TIMEOUT = PATIENCE
-        self.node.sdo.MAX_RETRIES = 0
+        # Of the library; with 0 a request that is never answered is repeated for ever.
+        self.node.sdo.MAX_RETRIES = 1
         if CABLE:
             self.open_cable(self.frames(0x700 + NODE))
         self.node.nmt.wait_for_heartbeat(PATIENCE)
@@ -113,6 +117,12 @@ class Robot(unittest.TestCase):
         self.process.stdout.close()
         self.process.stdin.close()
         self.assertEqual(self.process.wait(PATIENCE), 0)
+        sys.stderr.write(self.said())
+        self.notes.close()
+
+    def said(self):
+        """What the simulator has written to its standard error."""
+        return os.pread(self.notes.fileno(), 1 << 20, 0).decode()
 
     def frames(self, cob_id):
         """A queue of what comes under an identifier from now on."""
@@ -134,12 +144,16 @@ class Robot(unittest.TestCase):
 
     def power_cycle(self, node=NODE):
         """Takes the robot its power and gives it back; it boots as this node."""
+        cycles, deadline = self.said().count("power-cycle"), time.monotonic() + PATIENCE
         heartbeats = self.frames(0x700 + node)
         self.process.stdin.write(f"node={NODE}:power-cycle\n")
         self.process.stdin.flush()
         if CABLE:
-            # The adapter has been switched off, too; the boot-up before its channel is open again is not for us.
-            return self.open_cable(heartbeats)
+            # The adapter is switched off, too, so its channel is opened after that, and the boot-up is not for us.
+            while self.said().count("power-cycle") == cycles:
+                self.assertLess(time.monotonic(), deadline, "no power cycle")
+                time.sleep(0.001)
+            return self.open_cable(self.frames(0x700 + node))
         while heartbeats.get(timeout=PATIENCE) != b"\0":
             pass
         self.assertEqual(heartbeats.get(timeout=PATIENCE), b"\x7f")

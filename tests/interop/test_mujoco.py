@@ -67,7 +67,7 @@ class MuJoCo(unittest.TestCase):
 
 
 class Phases(MuJoCo):
-    """What the phases that the tool finds are worth."""
+    """What the phases that the tool finds are worth: without them and with them."""
 
     def drive(self, plant, curve):
         text = plant.omnibus("follow", curve, "--compensation", "off", "--json")
@@ -98,12 +98,18 @@ class Phases(MuJoCo):
         for curve in ["lateral", "oblique"]:
             self.assertLess(phase[curve]["rms_mm"], without[curve]["rms_mm"] / 3)
 
-    def test_eight_rollers_by_gyro(self):
+
+class PhasesByGyro(Phases):
+    def test_eight_rollers(self):
         self.check(8, 3, "--gyro", "sim")
 
-    def test_ten_rollers_by_poses(self):
+
+class PhasesByPoses(Phases):
+    def test_ten_rollers(self):
         self.check(10, 11)
 
+
+class Intervals(unittest.TestCase):
     def test_intervals_hold(self):
         """Phases of six robots, each in a world of its own: nearly all of the intervals of 95 % hold the truth."""
         held, count = multi_body.ask(range(1, 7), multi_body.phases, 3)

@@ -112,11 +112,19 @@ pub fn on_all_cores(
     run(&vec![&waiting; cores], all)
 }
 
-/// Runs rows of programs side by side, each program after those before it in its row.
-pub fn in_rows<const N: usize>(rows: [Vec<Program>; N]) -> anyhow::Result<()> {
-    let all = rows.iter().map(Vec::len).sum();
+/// Runs rows of programs side by side, each program after those before it in its row; and beside
+/// them the others, as many at a time as there are cores.
+pub fn in_rows<const N: usize>(
+    rows: [Vec<Program>; N],
+    others: Vec<Program>,
+) -> anyhow::Result<()> {
+    let cores = std::thread::available_parallelism()?.get();
+    let all = rows.iter().map(Vec::len).sum::<usize>() + others.len();
     let rows = rows.map(|row| Mutex::new(row.into()));
-    run(&rows.each_ref(), all)
+    let others = Mutex::new(others.into());
+    let mut queues = vec![&others; cores];
+    queues.extend(&rows);
+    run(&queues, all)
 }
 
 /// Takes programs, `all` in number, from these queues, one at a time from each, until they are
