@@ -53,7 +53,6 @@ macro_rules! tests {
 
 mod reference {
     tests! { REFERENCE:
-        emulated_robots_do_not_notice_threads
         wheels_follow_the_figure_eight_within_one_percent_of_their_peak
         the_led_tells_the_cause_from_what_follows
         the_supply_is_measured_whatever_the_chips_supply_is
@@ -67,7 +66,6 @@ mod reference {
 /// The other board: what is not about bridges, encoder pins and current sensors.
 mod board_c {
     tests! { BOARD_C:
-        emulated_robots_do_not_notice_threads
         wheels_follow_the_figure_eight_within_one_percent_of_their_peak
         the_led_tells_the_cause_from_what_follows
         the_supply_is_measured_whatever_the_chips_supply_is
@@ -82,7 +80,6 @@ mod board_c {
 /// own.
 mod kit {
     tests! { KIT:
-        emulated_robots_do_not_notice_threads
         wheels_follow_the_figure_eight_within_one_percent_of_their_peak
         the_led_tells_the_cause_from_what_follows
         a_spell_of_error_passive_during_an_nmt_start_is_announced
@@ -180,31 +177,6 @@ fn fixed_point_and_f32_agree() {
         "two images that move alike to the bit are one image"
     );
     assert!(apart < SCALAR_SHARE * far, "{apart} m of {far} m");
-}
-
-/// The same bytes at the same times, and the same bridges, on one thread and on two, of robots that
-/// drive.
-fn emulated_robots_do_not_notice_threads(robots: &Robots) {
-    let image = robots.image();
-    let group = robots.group("tcc-2");
-    let plan = Curve::Circle.plan(true);
-    let digest = |threads| {
-        let options = Options {
-            threads,
-            start: plan.start(),
-            ..Options::default()
-        };
-        let backend = Backend::Emulator(image.clone());
-        let world = World::new(&group, backend, options).unwrap();
-        let mut link = SimLink::new(world, "test");
-        let mut session = Group::connect(&mut link, &group).unwrap();
-        session.configure(true).unwrap();
-        session.start().unwrap();
-        session.follow(&plan, &mut |_, _| {}).unwrap();
-        assert!(link.world.frames() > 5_000, "{}", link.world.frames());
-        link.world.digest()
-    };
-    assert_eq!(digest(1), digest(2));
 }
 
 /// The paper's figure-eight, its first seconds with the peak of all wheel rates in them, wheel by

@@ -46,7 +46,6 @@ fn tcc_3(backend: &Backend) -> GroupFile {
 fn configured(backend: &Backend, file: &GroupFile, more: &[(Address, f32)]) -> TestMaster {
     let options = Options {
         truth_period_ns: 0,
-        threads: 1,
         ..Options::default()
     };
     let world = World::new(file, backend.clone(), options).unwrap();

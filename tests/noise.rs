@@ -37,7 +37,6 @@ fn armed(file: &GroupFile) -> TestMaster {
 fn started(file: &GroupFile, variable: &str) -> TestMaster {
     let options = Options {
         truth_period_ns: 0,
-        threads: 1,
         ..Options::default()
     };
     let world = World::new(file, Backend::Emulator(image(variable)), options).unwrap();

@@ -85,11 +85,8 @@ mod board_c {
 }
 
 fn link(group: &GroupFile, image: &str) -> SimLink {
-    let options = Options {
-        threads: 1,
-        ..Options::default()
-    };
-    SimLink::new(World::new(group, backend(image), options).unwrap(), "test")
+    let world = World::new(group, backend(image), Options::default()).unwrap();
+    SimLink::new(world, "test")
 }
 
 /// A robot that drives at a twist.

@@ -51,7 +51,6 @@ pub mod smart_drive;
 pub mod study;
 pub mod test_master;
 mod truth;
-mod worker_pool;
 mod world;
 
 pub use bus::BusLoad;

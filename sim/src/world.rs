@@ -39,7 +39,6 @@ use crate::gyro::{GyroSample, Gyros};
 use crate::plant::{self, Plant};
 use crate::robot::{Backend, LogLine, Robot, Wake};
 use crate::truth::{NoisyPoses, TruthSample};
-use crate::worker_pool::{Absent, WorkerPool};
 use ports::PortQueues;
 use unit::Unit;
 
@@ -54,9 +53,6 @@ pub struct Options {
     pub truth_period_ns: u64,
     /// Length of the windows of the bus load.
     pub load_window_ns: u64,
-    /// Threads that run robots, the caller's included; 0 takes as many as the machine has. It makes
-    /// no difference to what happens. Native robots always run on the caller's.
-    pub threads: usize,
     /// Where the group frame stands at the beginning.
     pub start: Pose<f64>,
 }
@@ -68,7 +64,6 @@ impl Default for Options {
             motor_step_ns: 100_000,
             truth_period_ns: 10_000_000,
             load_window_ns: 100_000_000,
-            threads: 1,
             start: Pose {
                 x: 0.0,
                 y: 0.0,
@@ -121,7 +116,6 @@ pub struct World {
     truth_at: (u64, u64),
     worst_shape_error_mm: f64,
     digest: Digest,
-    worker_pool: Option<WorkerPool>,
     turned: Vec<[f64; 4]>,
     /// Encoders still to break, the last first: when (ns), whose, which, how.
     breaking: Vec<(u64, usize, usize, EncoderState)>,
@@ -139,14 +133,6 @@ impl World {
             .zip(&group.simulation.crystal_ppm)
             .map(|(robot, ppm)| backend.build_for(robot, *ppm))
             .collect::<Result<_, _>>()?;
-        let options = Options {
-            threads: if matches!(backend, Backend::Native) {
-                1
-            } else {
-                options.threads
-            },
-            ..options
-        };
         Self::with_parts(group, robots, plant::build(group, options.start)?, options)
     }
 
@@ -179,12 +165,6 @@ impl World {
         set_inertia(&mut units, plant.wheel_inertia());
         let has_gyro = units.iter().any(|unit| unit.robot.has_gyro());
         let board_gyros = has_gyro.then(|| Gyros::on_boards(&group.simulation, plant.poses()));
-        let threads = match options.threads {
-            _ if cfg!(not(feature = "host")) => 1,
-            0 => std::thread::available_parallelism().map_or(1, usize::from),
-            threads => threads,
-        };
-        let threads = threads.min(units.len()).saturating_sub(1);
         Ok(Self {
             now_ns: 0,
             adapter: None,
@@ -211,7 +191,6 @@ impl World {
             truth_at: (0, 0),
             worst_shape_error_mm: 0.0,
             digest: Digest::default(),
-            worker_pool: (threads > 0).then(|| WorkerPool::new(threads)),
             options,
         })
     }
@@ -480,27 +459,12 @@ impl World {
         }
     }
 
-    /// Runs the robots that are due to a time, heavy ones side by side if there are several.
+    /// Runs the robots that are due to a time.
     fn run_robots(&mut self, end_ns: u64) -> Result<(), SimError> {
-        let heavy = |unit: &Unit| unit.robot.is_heavy(end_ns);
-        let several =
-            self.worker_pool.is_some() && self.units.iter().filter(|u| heavy(u)).count() > 1;
-        let mut away = Vec::new();
         for place in &self.due {
-            let unit = &mut self.units[*place];
-            if several && heavy(unit) {
-                away.push((*place, std::mem::replace(&mut unit.robot, Box::new(Absent))));
-            } else {
-                unit.robot.run_until(end_ns)?;
-            }
+            self.units[*place].robot.run_until(end_ns)?;
         }
-        match &self.worker_pool {
-            Some(worker_pool) if several => {
-                let units = &mut self.units;
-                worker_pool.run(away, end_ns, &mut |place, robot| units[place].robot = robot)
-            }
-            _ => Ok(()),
-        }
+        Ok(())
     }
 
     /// The earliest moment at which something may happen that others can notice.

@@ -224,12 +224,6 @@ pub trait Robot: Send {
         Vec::new()
     }
 
-    /// Whether running it to this time takes long enough to be worth a thread of its own.
-    fn is_heavy(&self, until_ns: u64) -> bool {
-        let _ = until_ns;
-        false
-    }
-
     /// Puts bytes on the line into its serial port, from a sender with this baud rate; without a
     /// processor they are lost.
     fn send_cable(&mut self, bytes: &[u8], baud: f64) {

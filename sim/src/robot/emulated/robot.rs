@@ -329,12 +329,6 @@ impl Robot for EmulatedRobot {
         log
     }
 
-    fn is_heavy(&self, until_ns: u64) -> bool {
-        // A processor that computes does some thousand instructions in a step of 20 us; shorter
-        // steps are over before another thread has woken up.
-        self.powered && !self.board.is_asleep() && until_ns - self.now_ns > 2_000
-    }
-
     fn send_cable(&mut self, bytes: &[u8], baud: f64) {
         self.catch_up();
         self.board.serial().send(bytes, baud);
