@@ -34,7 +34,7 @@ pub(crate) struct Shared {
     pub(crate) attention: AtomicBool,
     /// An interrupt line has changed since the core last looked.
     pub(crate) lines_changed: AtomicBool,
-    /// Changes whenever the content of the flash may have.
+    /// Copy of `Flash::changes`: changes with the content of the flash.
     pub(crate) flash_version: AtomicU64,
     /// What reading the flash costs: FLASH_ACR, or 0 where it is to cost nothing.
     pub(crate) flash_acr: AtomicU32,
@@ -94,16 +94,13 @@ impl Shared {
         let mut soc = lock(&self.soc);
         soc.now = self.now.load(Relaxed);
         let (hz, requests) = (soc.clock.hz(), soc.can.requests());
-        let busy = soc.flash.busy_until().is_some();
         let result = f(&mut soc);
         let is_busy = soc.flash.busy_until().is_some();
         self.flash_busy.store(is_busy, Relaxed);
         if !is_busy {
             self.flash_awaited.store(false, Relaxed);
         }
-        if busy || is_busy {
-            self.flash_version.fetch_add(1, Relaxed);
-        }
+        self.flash_version.store(soc.flash.changes(), Relaxed);
         if self.flash_waits {
             self.flash_acr.store(soc.flash_access(), Relaxed);
         }

@@ -65,7 +65,8 @@ pub(crate) const PWM_TIMERS: [usize; 6] = [1, 2, 3, 4, 5, 8];
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Trace {
     pwm: [[PwmState; 4]; PWM_TIMERS.len()],
-    pins: [[Option<PinLevel>; 16]; Port::ALL.len()],
+    /// Pins that are driven low and that are driven high; all float at power-on.
+    pins: [(u32, u32); Port::ALL.len()],
     requests: u64,
     pub(crate) changes: Vec<(u64, Change)>,
 }
@@ -87,11 +88,18 @@ impl Trace {
         }
     }
 
-    pub(crate) fn pin(&mut self, now: u64, port: Port, pin: u8, level: PinLevel) {
-        let last = &mut self.pins[port as usize][usize::from(pin)];
-        // What floats at power-on is no change.
-        if last.unwrap_or(PinLevel::Floating) != level {
-            *last = Some(level);
+    /// The pins of a port that are driven low and that are driven high; the others float.
+    pub(crate) fn pins(&mut self, now: u64, port: Port, low: u32, high: u32) {
+        let before = std::mem::replace(&mut self.pins[port as usize], (low, high));
+        let mut changed = (before.0 ^ low) | (before.1 ^ high);
+        while changed != 0 {
+            let pin = changed.trailing_zeros() as u8;
+            changed &= changed - 1;
+            let level = match (low >> pin & 1, high >> pin & 1) {
+                (0, 0) => PinLevel::Floating,
+                (0, _) => PinLevel::High,
+                _ => PinLevel::Low,
+            };
             self.changes.push((now, Change::Pin { port, pin, level }));
         }
     }

@@ -1,10 +1,10 @@
 //! The decoded code: each instruction of the flash, decoded and as a micro-operation, as of the
 //! first execution of code near it.
 //!
-//! Pages with the content of the image are decoded once for all boards that run it, so that several
-//! boards share the host's caches.
+//! Pages with the same content are decoded once for all boards with an image, so that several boards
+//! share the host's caches.
 
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use rsemu::core::space::RamStore;
 use rsemu::cpu::arm::v7m::isa::{ExtendOp, Insn, decode, is_32bit};
@@ -38,6 +38,8 @@ pub(super) struct Slot {
 const HALVES: usize = PAGE / 2;
 /// Pages of the largest flash.
 const PAGES: usize = LARGEST_FLASH as usize / PAGE;
+/// Contents of one page that are remembered: that of the image, and of updates.
+const CONTENTS: usize = 4;
 
 /// A page of code, by halfwords.
 pub(super) struct Page {
@@ -68,11 +70,11 @@ impl Page {
     }
 }
 
-/// An image with what has been decoded of it.
+/// An image, with what has been decoded of the flash of the boards that run it.
 pub(crate) struct Programmed {
     chip: &'static Chip,
     content: Vec<u8>,
-    pages: [OnceLock<Arc<Page>>; PAGES],
+    pages: [Mutex<Vec<Arc<Page>>>; PAGES],
 }
 
 impl Programmed {
@@ -81,7 +83,7 @@ impl Programmed {
         Self {
             chip,
             content,
-            pages: [const { OnceLock::new() }; PAGES],
+            pages: [const { Mutex::new(Vec::new()) }; PAGES],
         }
     }
 
@@ -94,18 +96,11 @@ impl Programmed {
     }
 }
 
-/// A page that a board has executed.
-#[derive(Default)]
-struct Executed {
-    page: Option<Arc<Page>>,
-    /// Of the content of the flash when the page was last compared with it.
-    version: u64,
-}
-
 /// The code of one board.
 pub(super) struct Code {
     image: Arc<Programmed>,
-    pages: Box<[Executed; PAGES]>,
+    /// What has been executed since its content changed.
+    pages: Box<[Option<Arc<Page>>; PAGES]>,
     version: u64,
 }
 
@@ -119,27 +114,43 @@ impl Code {
     pub(super) fn new(image: Arc<Programmed>) -> Self {
         Self {
             image,
-            pages: boxed(|_| Executed::default()),
+            pages: boxed(|_| None),
             version: 0,
         }
     }
 
-    /// Takes note of the version of the flash's content: pages of another version are compared
+    /// Takes note of the version of the flash's content: pages that have changed are looked up again
     /// before they are executed.
-    pub(super) fn set_version(&mut self, version: u64) {
-        self.version = version;
+    #[inline]
+    pub(super) fn set_version(&mut self, version: u64, flash: &RamStore) {
+        if version != self.version {
+            self.version = version;
+            self.forget(flash);
+        }
+    }
+
+    #[cold]
+    fn forget(&mut self, flash: &RamStore) {
+        let size = flash.page_size();
+        flash.for_each_dirty_page(|changed| {
+            // With the page before, whose last instruction may reach into this one.
+            let first = (changed * size).saturating_sub(2) as usize / PAGE;
+            let last = ((changed + 1) * size - 1) as usize / PAGE;
+            let pages = self.pages.iter_mut().take(last + 1).skip(first);
+            pages.for_each(|page| *page = None);
+        });
+        flash.clear_dirty();
     }
 
     /// The page that an address is in.
     #[inline]
     pub(super) fn page(&mut self, pc: u32, flash: &RamStore) -> Result<&Page, Leave> {
         let number = pc.wrapping_sub(FLASH_BASE) as usize / PAGE;
-        let executed = self.pages.get_mut(number).ok_or(Leave)?;
-        if executed.page.is_none() || executed.version != self.version {
-            executed.page = Some(decoded(&self.image, number, flash, executed.page.take())?);
-            executed.version = self.version;
+        let page = self.pages.get_mut(number).ok_or(Leave)?;
+        if page.is_none() {
+            *page = Some(decoded(&self.image, number, flash)?);
         }
-        executed.page.as_deref().ok_or(Leave)
+        page.as_deref().ok_or(Leave)
     }
 
     /// The instruction at an address.
@@ -148,30 +159,27 @@ impl Code {
     }
 }
 
-/// A page of the flash: the one that was there if the content is the same, the image's own if it is
-/// that, and a new one otherwise.
+/// A page of the flash, decoded now unless a board with this image has had the same.
 #[cold]
-fn decoded(
-    image: &Programmed,
-    number: usize,
-    flash: &RamStore,
-    before: Option<Arc<Page>>,
-) -> Result<Arc<Page>, Leave> {
+fn decoded(image: &Programmed, number: usize, flash: &RamStore) -> Result<Arc<Page>, Leave> {
     let begin = number * PAGE;
     let left = (flash.len() as usize).checked_sub(begin);
     let left = left.filter(|left| *left > 0).ok_or(Leave)?;
     let mut bytes = vec![0; (PAGE + 2).min(left)];
     flash.read_at(begin as u64, &mut bytes).map_err(|_| Leave)?;
-    if let Some(page) = before.filter(|page| page.bytes == bytes) {
-        return Ok(page);
-    }
-    let address = FLASH_BASE + begin as u32;
-    if image.content.get(begin..begin + bytes.len()) == Some(&bytes[..]) {
-        let page =
-            image.pages[number].get_or_init(|| Arc::new(decode_page(image.chip, address, bytes)));
+    let mut known = image.pages[number]
+        .lock()
+        .unwrap_or_else(PoisonError::into_inner);
+    if let Some(page) = known.iter().find(|page| page.bytes == bytes) {
         return Ok(Arc::clone(page));
     }
-    Ok(Arc::new(decode_page(image.chip, address, bytes)))
+    let address = FLASH_BASE + begin as u32;
+    let page = Arc::new(decode_page(image.chip, address, bytes));
+    if known.len() == CONTENTS {
+        known.remove(0);
+    }
+    known.push(Arc::clone(&page));
+    Ok(page)
 }
 
 fn decode_page(chip: &Chip, address: u32, bytes: Vec<u8>) -> Page {

@@ -159,7 +159,7 @@ impl Fast {
     /// What the reference core waited for the instruction that it has executed.
     pub(crate) fn wait_for(&mut self, pc: u32, memory: Memory<'_>, now: u64) -> u64 {
         let Self { code, core } = self;
-        code.set_version(memory.shared.flash_version.load(Relaxed));
+        code.set_version(memory.shared.flash_version.load(Relaxed), memory.flash);
         core.configure_fetch(memory.shared);
         match code.at(pc, memory.flash) {
             Ok(entry) => core.fetch.instruction(pc - FLASH_BASE, entry.length, now),
@@ -174,7 +174,7 @@ impl Fast {
         let mut reached = now;
         let mut instructions = 0;
         while reached < limit && core.enter(memory.cpu, memory.shared) {
-            code.set_version(memory.shared.flash_version.load(Relaxed));
+            code.set_version(memory.shared.flash_version.load(Relaxed), memory.flash);
             core.configure_fetch(memory.shared);
             (core.now, core.ticked) = (reached, reached);
             let (executed, end) = core.session(code, memory, limit);

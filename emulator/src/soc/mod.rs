@@ -8,6 +8,7 @@
 mod bus;
 mod events;
 mod pins;
+mod places;
 mod spi;
 mod wires;
 mod world;
@@ -16,6 +17,7 @@ use std::sync::Arc;
 
 use rsemu::core::space::RamStore;
 
+use self::places::Places;
 use crate::bmi088::Bmi088;
 use crate::board::BoardConfig;
 use crate::can::Can;
@@ -33,8 +35,7 @@ use crate::system::exti::Exti;
 use crate::system::flash::Flash;
 use crate::system::gpio::{Gpio, Mode, Port};
 use crate::system::iwdg::Iwdg;
-use crate::system::map::{Entry, Gate, Unit};
-use crate::system::pins::{Route, Row};
+use crate::system::map::{Entry, Unit};
 use crate::system::pwr::Pwr;
 use crate::system::rcc::{Rcc, cause};
 use crate::system::spi::Spi;
@@ -93,47 +94,6 @@ pub(crate) struct Soc {
     pub(crate) trace: Option<Box<Trace>>,
     /// A reset that a peripheral asks for, as bits of RCC_CSR.
     pub(crate) reset_request: u32,
-}
-
-/// What is looked up at every access, so that no table has to be searched.
-#[derive(Debug)]
-struct Places {
-    /// Peripherals that have a whole kilobyte from [`PERIPHERALS`] on.
-    pages: [Option<&'static Entry>; 256],
-    timer_gates: [Gate; 15],
-    /// Pins that can carry the channels of a timer, and channels that a pin can carry.
-    channels: [[Vec<&'static Route>; 4]; 15],
-    channels_at: [[Vec<&'static Row>; 16]; Port::ALL.len()],
-}
-
-const PERIPHERALS: u32 = 0x4000_0000;
-const PAGE: u32 = 0x400;
-
-impl Places {
-    fn new(chip: &Chip) -> Self {
-        let page = |number: usize| {
-            let first = PERIPHERALS + PAGE * number as u32;
-            let entry = chip.peripheral(first)?;
-            let last = chip.peripheral(first + PAGE - 1)?;
-            (entry.base == last.base).then_some(entry)
-        };
-        Self {
-            pages: std::array::from_fn(page),
-            timer_gates: std::array::from_fn(|number| chip.gate(Unit::Timer(number))),
-            channels: std::array::from_fn(|timer| {
-                [1, 2, 3, 4].map(|channel| chip.pins.timer_channel(timer, channel).collect())
-            }),
-            channels_at: Port::ALL.map(|port| {
-                std::array::from_fn(|pin| chip.pins.channels_at(port, pin as u8).collect())
-            }),
-        }
-    }
-
-    fn peripheral(&self, chip: &Chip, address: u32) -> Option<&'static Entry> {
-        let page = address.checked_sub(PERIPHERALS)? / PAGE;
-        let known = self.pages.get(page as usize).copied().flatten();
-        known.or_else(|| chip.peripheral(address))
-    }
 }
 
 fn on_apb2(timer: usize) -> bool {

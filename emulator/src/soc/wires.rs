@@ -55,11 +55,15 @@ impl Soc {
         let wires = std::mem::take(&mut self.wires);
         // A wire can change what another carries: a break input cuts outputs. Two rounds settle it.
         for _ in 0..2 {
+            let mut changed = false;
             for net in &wires.0 {
                 let level = self.level_of(net);
                 for &(port, pin) in net {
-                    self.apply_wire(port, pin, level);
+                    changed |= self.apply_wire(port, pin, level);
                 }
+            }
+            if !changed {
+                break;
             }
         }
         self.wires = wires;
@@ -81,19 +85,24 @@ impl Soc {
         driven.or(pull)
     }
 
-    fn apply_wire(&mut self, port: Port, pin: u8, level: Option<bool>) {
+    /// Gives a pin the level of its wire, and says whether that is another than before.
+    fn apply_wire(&mut self, port: Port, pin: u8, level: Option<bool>) -> bool {
         let gpio = &mut self.gpio[port as usize];
-        let before = gpio.idr();
-        match level {
-            Some(level) => gpio.set_external(pin, level),
-            None => gpio.set_open(pin),
-        }
-        if gpio.idr() != before {
-            self.pins_changed(port, before);
+        let changed = gpio.external(pin) != level;
+        if changed {
+            let before = gpio.idr();
+            match level {
+                Some(level) => gpio.set_external(pin, level),
+                None => gpio.set_open(pin),
+            }
+            if gpio.idr() != before {
+                self.pins_changed(port, before);
+            }
         }
         if self.gpio[port as usize].mode(pin) == Mode::Analog {
             self.set_analog(port, pin, if level == Some(true) { HIGH_V } else { 0.0 });
         }
+        changed
     }
 }
 

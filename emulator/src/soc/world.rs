@@ -186,7 +186,7 @@ impl Soc {
 
     /// The complementary output that a pin carries.
     fn complementary(&self, port: Port, pin: u8) -> Option<(usize, usize)> {
-        let mut rows = self.chip.pins.complementary_at(port, pin);
+        let mut rows = self.places.complementary_at[port as usize][usize::from(pin & 15)].iter();
         let row = rows.find(|row| {
             let (timer, channel, route) = row;
             // TIM1 and TIM8 of an STM32F1 can share one: it is the one that has it on.
@@ -316,20 +316,24 @@ impl Soc {
             }
         }
         for port in Port::ALL {
-            for pin in 0..16 {
-                // A complementary output on its own is a gate, high or low; a timer's channel is
-                // its PWM.
-                let gate = match self.gpio[port as usize].mode(pin) {
-                    Mode::Alternate(_) => self.complementary(port, pin).is_some(),
-                    _ => false,
-                };
-                let level = if gate {
-                    self.output(port, pin)
-                } else {
-                    self.gpio[port as usize].driven(pin)
-                };
-                trace.pin(self.now, port, pin, level);
+            let (mut low, mut high) = self.gpio[port as usize].all_driven();
+            // A complementary output on its own is a gate, high or low; a timer's channel is its
+            // PWM.
+            let mut gates = self.gpio[port as usize].alternate()
+                & self.places.complementary_pins[port as usize];
+            while gates != 0 {
+                let pin = gates.trailing_zeros() as u8;
+                gates &= gates - 1;
+                if self.complementary(port, pin).is_none() {
+                    continue;
+                }
+                match self.output(port, pin) {
+                    PinLevel::Low => low |= 1 << pin,
+                    PinLevel::High => high |= 1 << pin,
+                    PinLevel::Floating => {}
+                }
             }
+            trace.pins(self.now, port, low, high);
         }
         trace.request(self.can.requests(), self.can.latest_request());
     }

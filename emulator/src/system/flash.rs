@@ -60,6 +60,8 @@ const CR_LOCK: u32 = 1 << 31;
 pub struct Flash {
     chip: &'static Chip,
     array: Arc<RamStore>,
+    /// How many times the content of the array has changed.
+    changes: u64,
     acr: u32,
     /// Where an STM32F1 erases: AR.
     address: u32,
@@ -124,6 +126,7 @@ impl Flash {
         Self {
             chip,
             array,
+            changes: 0,
             // PM0075 3.1: the prefetch of an STM32F1 is on.
             acr: match chip.family {
                 Family::F1 => PRFTEN,
@@ -196,10 +199,10 @@ impl Flash {
     /// A system reset; an erase that was under way is left half done.
     pub fn reset(&mut self) {
         if let Some(erase) = self.erase.take() {
-            // The range is a sector of the array, which the array has.
-            let _ = self.array.fill(erase.start, erase.length / 2, 0xFF);
+            self.blank(erase.start, erase.length / 2);
         }
         *self = Self {
+            changes: self.changes,
             options: self.options,
             optcr: self.options | OPTLOCK,
             operations: self.operations,
@@ -219,18 +222,36 @@ impl Flash {
                 self.sr |= SR_EOP;
             }
             if let Some(erase) = self.erase.take() {
-                let _ = self.array.fill(erase.start, erase.length, 0xFF);
+                self.blank(erase.start, erase.length);
             }
             if let Some(options) = self.option_write.take() {
                 let level_0 = |options: u32| options >> 8 & 0xFF == UNPROTECTED;
                 if level_0(options) && !level_0(self.options) {
                     // 3.6.3: giving up the protection erases the whole flash.
-                    let _ = self.array.fill(0, self.array.len(), 0xFF);
+                    self.blank(0, self.array.len());
                 }
                 self.options = options;
                 self.optcr &= !OPTSTRT;
             }
         }
+    }
+
+    /// Erases a part of the array, which the array has.
+    fn blank(&mut self, start: u64, length: u64) {
+        self.changes += 1;
+        let _ = self.array.fill(start, length, 0xFF);
+    }
+
+    /// Gives a part of the array another content. The bus has checked that the array has it.
+    fn store(&mut self, offset: u64, content: &[u8]) {
+        self.changes += 1;
+        let _ = self.array.write_at(offset, content);
+    }
+
+    /// How many times the content of the array has changed since power-on.
+    #[must_use]
+    pub fn changes(&self) -> u64 {
+        self.changes
     }
 
     /// Local time in ps at which the operation under way ends.
@@ -415,7 +436,7 @@ impl Flash {
         self.operations.done.erases += 1;
         self.record_cut(start, &vec![0xFF; length as usize / 2]);
         if self.operations.fails() {
-            let _ = self.array.fill(start, length / 2, 0xFF);
+            self.blank(start, length / 2);
             return;
         }
         self.erase = Some(sector);
@@ -457,10 +478,10 @@ impl Flash {
             .collect();
         self.record_cut(offset, &half);
         if self.operations.fails() {
-            let _ = self.array.write_at(offset, &half);
+            self.store(offset, &half);
         } else {
             old.iter_mut().zip(data).for_each(|(old, new)| *old &= new);
-            let _ = self.array.write_at(offset, old);
+            self.store(offset, old);
         }
         self.sr |= SR_BSY;
         self.busy_until = now_ps + ps * self.factor * self.program_factor;

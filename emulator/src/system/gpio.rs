@@ -134,6 +134,12 @@ impl Gpio {
         };
     }
 
+    /// The level outside that a pin is connected to, if it is.
+    pub(crate) fn external(&self, pin: u8) -> Option<bool> {
+        let bit = 1 << (pin & 15);
+        (self.connected & bit != 0).then_some(self.external & bit != 0)
+    }
+
     /// Leaves a pin open outside.
     pub fn set_open(&mut self, pin: u8) {
         self.connected &= !(1 << (pin & 15));
@@ -179,6 +185,17 @@ impl Gpio {
             (Mode::Output, true, false) => PinLevel::High,
             _ => PinLevel::Floating,
         }
+    }
+
+    /// The same of all pins at once: those driven low, and those driven high.
+    pub(crate) fn all_driven(&self) -> (u32, u32) {
+        let output = even_bits(self.moder & !(self.moder >> 1));
+        (output & !self.odr, output & self.odr & !self.otyper)
+    }
+
+    /// Pins in alternate-function mode.
+    pub(crate) fn alternate(&self) -> u32 {
+        even_bits(!self.moder & self.moder >> 1)
     }
 
     /// Whether a pin is open-drain.

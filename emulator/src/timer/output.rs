@@ -49,11 +49,7 @@ impl Timer {
         let bits = self.ccer >> (4 * channel + 2 * output);
         let (enabled, inverted) = (bits & 1 != 0, bits & 2 != 0);
         let running = self.enabled() && self.arr.active != 0;
-        let period_ns = if running {
-            (u128::from(self.period() * self.tick()) * 1_000_000_000 / u128::from(hz)) as u64
-        } else {
-            0
-        };
+        let period_ns = if running { self.period_ns(hz) } else { 0 };
         if !self.outputs_enabled() {
             // Table of output control bits (17.4.9): with OSSI the pin is driven to its idle level.
             let is_high = self.cr2 >> (8 + 2 * channel + output) & 1 != 0;
@@ -80,6 +76,15 @@ impl Timer {
             duty: if inverted { 1.0 - reference } else { reference },
             period_ns,
             active: running,
+        }
+    }
+
+    fn period_ns(&self, hz: u64) -> u64 {
+        const NS: u64 = 1_000_000_000;
+        let cycles = self.period() * self.tick();
+        match cycles.checked_mul(NS) {
+            Some(product) => product / hz,
+            None => (u128::from(cycles) * u128::from(NS) / u128::from(hz)) as u64,
         }
     }
 
