@@ -12,12 +12,6 @@ use protocol::{Kind, MemberState, Value, address};
 use sim::test_master::TestMaster;
 use sim::{Backend, Options, World};
 
-fn image() -> emulator::Firmware {
-    let path = std::env::var("OMNIBUS_ELF");
-    let path = path.expect("OMNIBUS_ELF names a release image; cargo xtask test sets it");
-    emulator::Firmware::load(&path).unwrap_or_else(|error| panic!("{path}: {error}"))
-}
-
 /// Eight robots, whose votes take longest, and a SYNC that is half a millisecond late: all begin at
 /// the tick that follows the agreement delay after SYNC as it should have come. The votes take no
 /// longer than their bits explain.
@@ -32,7 +26,7 @@ fn eight_robots_agree_in_time_on_a_late_sync() {
         })
         .collect();
     group.simulation.crystal_ppm = vec![50.0, -50.0, 20.0, 0.0, -10.0, 30.0, -40.0, 10.0];
-    let backend = Backend::Emulator(image());
+    let backend = Backend::Emulator(common::image("OMNIBUS_ELF"));
     let mut link = SimLink::new(
         World::new(&group, backend, Options::default()).unwrap(),
         "test",

@@ -41,7 +41,7 @@ const SHAPE_MM: f64 = 1.0;
 const SCALAR_SHARE: f64 = 5e-4;
 
 fn image() -> emulator::Firmware {
-    named_image("OMNIBUS_ELF")
+    common::image("OMNIBUS_ELF")
 }
 
 /// These tests with these robots.
@@ -87,13 +87,6 @@ mod kit {
         a_robot_reports_its_chip
         robots_that_are_one_node_notice_it
     }
-}
-
-/// The image a variable of the environment names.
-fn named_image(variable: &str) -> emulator::Firmware {
-    let path = std::env::var(variable)
-        .unwrap_or_else(|_| panic!("{variable} names a release image; cargo xtask test sets it"));
-    emulator::Firmware::load(&path).unwrap_or_else(|error| panic!("{path}: {error}"))
 }
 
 fn driven(backend: Backend) -> Drive {
@@ -160,7 +153,7 @@ fn native_and_emulated_robots_agree() {
 #[test]
 fn fixed_point_and_f32_agree() {
     let single = driven(Backend::Emulator(image()));
-    let fixed = driven(Backend::Emulator(named_image("OMNIBUS_ELF_FIXED")));
+    let fixed = driven(Backend::Emulator(common::image("OMNIBUS_ELF_FIXED")));
     assert_eq!(single.truth.len(), fixed.truth.len());
     let (mut apart, mut far) = (0.0f64, 0.0f64);
     let from = single.truth[0].group;

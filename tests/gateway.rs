@@ -33,9 +33,7 @@ const LATE_TICKS: (u16, u8) = (0x2121, 1);
 const CABLE: u16 = 0x2131;
 
 fn firmware() -> Firmware {
-    let path =
-        std::env::var("OMNIBUS_ELF").expect("OMNIBUS_ELF names the firmware's release image");
-    Firmware::load(&path).unwrap_or_else(|error| panic!("{path}: {error}"))
+    common::image("OMNIBUS_ELF")
 }
 
 /// What is at the CAN connector of a board.

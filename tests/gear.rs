@@ -109,7 +109,7 @@ fn emulated_robots_keep_their_rollers_behind_a_gear() {
     let group = geared();
     let found = ripple(&group, Some(&elf));
     assert!(found <= RIPPLE, "{found}");
-    let image = emulator::Firmware::load(&elf).unwrap();
+    let image = common::image("OMNIBUS_ELF");
     let course = Course {
         repeats: 4,
         ..Course::of(Curve::FigureEight)

@@ -540,14 +540,6 @@ fn wheel_rates_are_known_and_kept_to_one_percent_at_a_crawl(backend: &Backend) {
     assert!(naive > 300.0, "{naive} %");
 }
 
-/// The release image that an environment variable names.
-#[cfg(feature = "emulated")]
-fn image(variable: &str) -> emulator::Firmware {
-    let path = std::env::var(variable)
-        .unwrap_or_else(|_| panic!("{variable} names a release image; cargo xtask test sets it"));
-    emulator::Firmware::load(&path).unwrap_or_else(|error| panic!("{path}: {error}"))
-}
-
 /// Rules with one kind of robot.
 macro_rules! rules_of {
     ($backend:expr; $($rule:ident)*) => { $(#[test] fn $rule() { super::$rule(&$backend); })* };
@@ -562,11 +554,11 @@ macro_rules! rules {
         }
         #[cfg(feature = "emulated")]
         mod emulated {
-            rules_of!(sim::Backend::Emulator(super::image("OMNIBUS_ELF")); $($rule)* $($other)*);
+            rules_of!(sim::Backend::Emulator(crate::common::image("OMNIBUS_ELF")); $($rule)* $($other)*);
         }
         #[cfg(feature = "emulated")]
         mod board_c {
-            rules_of!(sim::Backend::Images(vec![super::image("OMNIBUS_ELF_BOARD_C")]); $($rule)*);
+            rules_of!(sim::Backend::Images(vec![crate::common::image("OMNIBUS_ELF_BOARD_C")]); $($rule)*);
         }
     };
 }

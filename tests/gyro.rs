@@ -5,7 +5,7 @@
 
 mod common;
 
-use emulator::{Firmware, GyroDefect};
+use emulator::GyroDefect;
 use group::{GroupFile, Plant};
 use kinematics::Twist;
 use omnibus::commission::calibrate::journal::Journal;
@@ -53,10 +53,7 @@ tests! { native:
 }
 
 fn board_c() -> Backend {
-    let path = std::env::var("OMNIBUS_ELF_BOARD_C")
-        .expect("OMNIBUS_ELF_BOARD_C names Board C's image; cargo xtask test sets it");
-    let image = Firmware::load(&path);
-    Backend::Emulator(image.unwrap_or_else(|error| panic!("{path}: {error}")))
+    Backend::Emulator(common::image("OMNIBUS_ELF_BOARD_C"))
 }
 
 fn native() -> Backend {

@@ -96,8 +96,7 @@ fn a_fast_native_robot_keeps_its_references() {
 /// The release image that a variable names (`cargo xtask test` builds it).
 #[cfg(feature = "emulated")]
 fn image(variable: &str) -> Backend {
-    let elf = std::env::var(variable).unwrap_or_else(|_| panic!("{variable} names an image"));
-    Backend::Emulator(emulator::Firmware::load(std::path::Path::new(&elf)).unwrap())
+    Backend::Emulator(common::image(variable))
 }
 
 #[cfg(feature = "emulated")]

@@ -20,11 +20,6 @@ const INDEX_PINS: [(emulator::Port, u8); 4] = [
     (emulator::Port::B, 15),
 ];
 
-fn image(variable: &str) -> emulator::Firmware {
-    let path = std::env::var(variable).unwrap_or_else(|_| panic!("{variable} names an image"));
-    emulator::Firmware::load(&path).unwrap_or_else(|error| panic!("{path}: {error}"))
-}
-
 /// An emulated robot with this group file that holds still.
 fn armed(file: &GroupFile) -> TestMaster {
     let master = started(file, "OMNIBUS_ELF");
@@ -39,7 +34,7 @@ fn started(file: &GroupFile, variable: &str) -> TestMaster {
         truth_period_ns: 0,
         ..Options::default()
     };
-    let world = World::new(file, Backend::Emulator(image(variable)), options).unwrap();
+    let world = World::new(file, Backend::Emulator(common::image(variable)), options).unwrap();
     let mut link = SimLink::new(world, "test");
     let mut session = Group::connect(&mut link, file).unwrap();
     session.configure(true).unwrap();

@@ -29,13 +29,11 @@ const FITTING: [(StageKind, Driver); 6] = [
 
 /// The image for a kind.
 fn image(told: StageKind) -> emulator::Firmware {
-    let variable = if told.has_two_pwms() {
+    common::image(if told.has_two_pwms() {
         "OMNIBUS_ELF_TWO_PWMS"
     } else {
         "OMNIBUS_ELF"
-    };
-    let path = std::env::var(variable).unwrap_or_else(|_| panic!("{variable} names an image"));
-    emulator::Firmware::load(&path).unwrap_or_else(|error| panic!("{path}: {error}"))
+    })
 }
 
 /// A single robot that was told a kind, with a driver.

@@ -9,7 +9,6 @@
 mod common;
 
 use canopen::Micros;
-use emulator::Firmware;
 use group::GroupFile;
 use kinematics::Twist;
 use omnibus::commission::motors::turn_wheel;
@@ -25,16 +24,11 @@ use sim::{Backend, Crash, Options, World};
 
 const NODE: u8 = 2;
 
-fn load(variable: &str) -> Firmware {
-    let path = std::env::var(variable).unwrap_or_else(|_| panic!("{variable} names an image"));
-    Firmware::load(&path).unwrap_or_else(|error| panic!("{path}: {error}"))
-}
-
 /// Robots of the image that a variable names, or native ones.
 fn backend(image: &str) -> Backend {
     match image {
         "native" => Backend::Native,
-        variable => Backend::Emulator(load(variable)),
+        variable => Backend::Emulator(common::image(variable)),
     }
 }
 
@@ -447,7 +441,11 @@ fn group_with(name: &str, smart: usize) -> GroupFile {
 }
 
 fn images() -> Backend {
-    Backend::Images(vec![load("OMNIBUS_ELF"), load("OMNIBUS_ELF_DRIVES")])
+    Backend::Images(
+        ["OMNIBUS_ELF", "OMNIBUS_ELF_DRIVES"]
+            .map(common::image)
+            .to_vec(),
+    )
 }
 
 /// The same robot with either kind of drive is at the same place all the time, at 1 m/s within what
@@ -489,7 +487,7 @@ fn a_mixed_group_carries_its_load_along_a_figure_eight() {
 /// that are alike.
 #[test]
 fn three_kinds_of_robots_carry_one_load() {
-    let all = || ["OMNIBUS_ELF", "OMNIBUS_ELF_DRIVES", "OMNIBUS_ELF_BOARD_C"].map(load);
+    let all = || ["OMNIBUS_ELF", "OMNIBUS_ELF_DRIVES", "OMNIBUS_ELF_BOARD_C"].map(common::image);
     let mixed = common::group("mixed");
     let mut alike = mixed.clone();
     for robot in &mut alike.robots[1..] {
@@ -511,7 +509,11 @@ fn three_kinds_of_robots_carry_one_load() {
 #[test]
 fn a_robot_without_an_image_of_its_own_is_refused() {
     let mixed = common::group("mixed");
-    let images = Backend::Images(["OMNIBUS_ELF", "OMNIBUS_ELF_DRIVES"].map(load).to_vec());
+    let images = Backend::Images(
+        ["OMNIBUS_ELF", "OMNIBUS_ELF_DRIVES"]
+            .map(common::image)
+            .to_vec(),
+    );
     let refused = World::new(&mixed, images, Options::default()).err();
     let refused = refused.map(|error| error.to_string()).unwrap_or_default();
     assert!(refused.contains("RobomasterC"), "{refused}");

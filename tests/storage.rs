@@ -6,6 +6,8 @@
 //! a new board with the flash of the old one; the power can fail in the middle of any flash
 //! operation.
 
+mod common;
+
 use emulator::{Board, BoardConfig, CanFrame, Firmware, FlashOperations, Stop, StopKind};
 use protocol::address::{self as at, history};
 use protocol::compensation::{LENGTH_MAX, ObliqueRow, Row, Tables};
@@ -31,15 +33,10 @@ const DEVICE_STATE: u32 = 0x0800_0022;
 /// Bytes of the kit's flash.
 const KIT_FLASH: usize = 0x4_0000;
 
-fn firmware(variable: &str) -> Firmware {
-    let path = std::env::var(variable).unwrap_or_else(|_| panic!("{variable} names an image"));
-    Firmware::load(&path).unwrap_or_else(|error| panic!("{path}: {error}"))
-}
-
 /// These tests with the image that a variable names.
 macro_rules! tests {
     ($variable:literal, $($test:ident)*) => {
-        $(#[test] fn $test() { super::$test(&super::firmware($variable)); })*
+        $(#[test] fn $test() { super::$test(&crate::common::image($variable)); })*
     };
 }
 

@@ -4,6 +4,8 @@
 //! `OMNIBUS_ELF` names the image for slot A, which has the boot code with it, and
 //! `OMNIBUS_ELF_SLOT_B` the one for slot B (`cargo xtask test` builds them and says so).
 
+mod common;
+
 use boot::records::{self, BLANK, Seal, State};
 use boot::{Checksum, Flash, FlashError, Slot, services, slots};
 use emulator::{Board, BoardConfig, Firmware, PinLevel, Port, ResetCause, StopKind, programmed};
@@ -80,9 +82,8 @@ struct Bench {
 
 impl Bench {
     fn new() -> Self {
-        let a = elf("OMNIBUS_ELF");
         let b = programmed(&elf("OMNIBUS_ELF_SLOT_B")).unwrap();
-        let firmware = Firmware::from_elf(a).unwrap();
+        let firmware = common::image("OMNIBUS_ELF");
         let board = Board::new(&firmware, BoardConfig::default());
         let mut content = Content(board.flash());
         for (address, bytes) in b {

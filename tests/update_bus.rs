@@ -6,6 +6,8 @@
 //! those of RoboMaster's Board C, and `OMNIBUS_ELF_DRIVES` the reference board's with smart drives
 //! (`cargo xtask test` builds them and says so).
 
+mod common;
+
 use boot::Slot;
 use boot::header::Board as ImageBoard;
 use boot::records::{ATTEMPTS, State};

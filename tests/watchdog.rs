@@ -3,6 +3,8 @@
 //!
 //! `OMNIBUS_ELF` names the image (`cargo xtask test` builds it and says so).
 
+mod common;
+
 use emulator::{Board, BoardConfig, Firmware, Port, ResetCause};
 
 /// What docs/safety.md promises from a halted core or a panic to the reset.
@@ -12,9 +14,7 @@ const LSI_HZ: [u64; 4] = [17_000, 24_000, 32_000, 47_000];
 const MS: u64 = 1_000_000;
 
 fn firmware() -> Firmware {
-    let path =
-        std::env::var("OMNIBUS_ELF").expect("OMNIBUS_ELF names the firmware's release image");
-    Firmware::load(&path).unwrap_or_else(|error| panic!("{path}: {error}"))
+    common::image("OMNIBUS_ELF")
 }
 
 /// A robot as it is `ms` after power-on, on the bus and well.

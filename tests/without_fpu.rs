@@ -5,7 +5,6 @@
 
 mod common;
 
-use emulator::Firmware;
 use omnibus::path::curve::Curve;
 use sim::Backend;
 
@@ -13,11 +12,6 @@ use sim::Backend;
 const SHARE: f64 = 5e-4;
 /// By how much more the load may be strained than by f32 robots alone, mm.
 const STRAIN_MM: f64 = 1.0;
-
-fn load(variable: &str) -> Firmware {
-    let path = std::env::var(variable).unwrap_or_else(|_| panic!("{variable} names an image"));
-    Firmware::load(&path).unwrap_or_else(|error| panic!("{path}: {error}"))
-}
 
 mod kit {
     use super::*;
@@ -32,7 +26,11 @@ mod kit {
             robot.board = mixed.robots[0].board;
             robot.output = mixed.robots[0].output;
         }
-        let images = || ["OMNIBUS_ELF", "OMNIBUS_ELF_KIT"].map(load).to_vec();
+        let images = || {
+            ["OMNIBUS_ELF", "OMNIBUS_ELF_KIT"]
+                .map(common::image)
+                .to_vec()
+        };
         let [alike, mixed] = [alike, mixed].map(|group| {
             let backend = Backend::Images(images());
             let drive = common::drive(&group, backend, Curve::FigureEight, false, true);

@@ -2,6 +2,10 @@
 
 #![allow(dead_code, reason = "every test uses a part")]
 
+use std::collections::HashMap;
+use std::sync::{Mutex, PoisonError};
+
+use emulator::Firmware;
 use group::GroupFile;
 use omnibus::path::curve::Curve;
 use omnibus::session::Group;
@@ -14,6 +18,21 @@ use sim::{Backend, Options, TruthSample, World};
 pub fn group(name: &str) -> GroupFile {
     let path = format!("{}/groups/{name}.toml", env!("CARGO_MANIFEST_DIR"));
     GroupFile::load(path).unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// The image that a variable of the environment names, which `cargo xtask test` builds. All tests
+/// of a program share it, and what has been decoded of it.
+pub fn image(variable: &str) -> Firmware {
+    static LOADED: Mutex<Option<HashMap<String, Firmware>>> = Mutex::new(None);
+    let path = std::env::var(variable)
+        .unwrap_or_else(|_| panic!("{variable} names a release image; cargo xtask test sets it"));
+    // A test that panicked in here has left the others' images as they were.
+    let mut loaded = LOADED.lock().unwrap_or_else(PoisonError::into_inner);
+    let loaded = loaded.get_or_insert_default().entry(path);
+    let image = loaded.or_insert_with_key(|path| {
+        Firmware::load(path).unwrap_or_else(|error| panic!("{path}: {error}"))
+    });
+    image.clone()
 }
 
 /// Gives a robot C620 drives with M3508 motors' encoders in place of bridges, as strong as those

@@ -31,7 +31,7 @@ pub const KIT: Robots = Robots {
 
 impl Robots {
     pub fn image(&self) -> emulator::Firmware {
-        super::named_image(self.variable)
+        super::common::image(self.variable)
     }
 
     pub fn backend(&self) -> Backend {

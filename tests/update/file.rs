@@ -60,7 +60,7 @@ impl File {
             a: image(&a, Slot::A),
             b: image(&b, Slot::B),
             elf_b: b,
-            firmware: Firmware::from_elf(a).unwrap(),
+            firmware: crate::common::image(robots.images[0]),
         }
     }
 

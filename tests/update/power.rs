@@ -13,8 +13,8 @@
 
 use super::*;
 
-use std::collections::HashMap;
-use std::collections::hash_map::Entry;
+use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 use std::sync::Mutex;
 
 const SAVE: Address = Address::new(0x1010, 1);
@@ -129,7 +129,7 @@ pub fn power_lost_at_every_operation_and_again_in_the_repair(robots: &Robots) {
         // Before the image: a word or two that discard the slot, two erases, a word or two that
         // begin it.
         let image = 6..6 + WORDS as usize;
-        let second = Mutex::new(HashMap::new());
+        let second = Mutex::new(BTreeMap::new());
         on_both_cores(&first, |nth, content, expected| {
             let mut robot = starts(&file, content, old, expected);
             if updates < 2 || image.contains(&nth) && nth % ONE_IN != 0 {
