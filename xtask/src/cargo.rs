@@ -112,12 +112,10 @@ pub fn coverage(robots: u32) -> anyhow::Result<()> {
 
 /// Runs the CANopen device's fuzzer, which prints its figure. In the profile with all checks on.
 pub fn fuzz(frames: u64, seed: u64) -> anyhow::Result<()> {
-    let mut command = command();
-    command
-        .args(["run", "--quiet", "--package", "omnibus-canopen"])
-        .args(["--example", "fuzz", "--", "--frames", &frames.to_string()])
-        .args(["--seed", &seed.to_string()]);
-    run(&mut command)
+    run(tested("build").args(["--quiet", "--example", "fuzz"]))?;
+    let mut fuzz = Command::new(target_folder().join("debug/examples/fuzz"));
+    fuzz.args(["--frames", &frames.to_string(), "--seed", &seed.to_string()]);
+    run(&mut fuzz)
 }
 
 /// What the compiler has to put in for libFuzzer. No sanitizer: those need a nightly compiler, and

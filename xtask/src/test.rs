@@ -8,14 +8,15 @@ use crate::firmware::{Board, Wheels};
 use crate::programs::{self, Program};
 use crate::{cargo, firmware};
 
-/// The libraries whose tests are run once more in fixed point.
-const FIXED_TESTS: [&str; 6] = [
+/// The libraries whose own tests are run once more as a kit has them: in fixed point, and without
+/// updates.
+const KIT_LIBRARIES: [&str; 6] = [
     "--package=omnibus-control",
     "--package=omnibus-robot",
+    "--no-default-features",
     "--features",
     "omnibus-robot/fixed-point",
     "--lib",
-    "--tests",
 ];
 
 /// Runs the tests of a board: all of the workspace for the reference board.
@@ -83,7 +84,7 @@ fn board_c() -> anyhow::Result<[PathBuf; 2]> {
 }
 
 /// Builds the firmware for both scalars, then runs all tests of the workspace with their paths at
-/// hand, and those of the control side in fixed point. With arguments for `cargo test`, that runs
+/// hand, and those of the control side as a kit has them. With arguments for `cargo test`, that runs
 /// what they select.
 fn run_all(rest: &[String]) -> anyhow::Result<()> {
     if !rest.is_empty() {
@@ -104,9 +105,9 @@ fn tests() -> anyhow::Result<Vec<Program>> {
     documents.arg("--doc");
     let mut all = vec![Program::new("documents", documents)];
     all.extend(programs::build(&mut cargo::tested("test"))?);
-    let mut fixed = cargo::command();
-    fixed.arg("test").args(FIXED_TESTS);
-    all.extend(programs::build(&mut fixed)?);
+    let mut of_kit = cargo::command();
+    of_kit.arg("test").args(KIT_LIBRARIES);
+    all.extend(programs::build(&mut of_kit)?);
     Ok(all)
 }
 
