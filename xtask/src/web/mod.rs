@@ -75,10 +75,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 /// Builds everything and returns the folder.
 fn build(elf: &Path) -> anyhow::Result<PathBuf> {
     cargo::ensure_target(TARGET)?;
+    // Of the library's two types the one alone: with the other beside it nothing is optimised at
+    // link time.
     cargo::run(cargo::command().args([
-        "build",
+        "rustc",
         "--package=omnibus-web",
         "--lib",
+        "--crate-type=cdylib",
         "--target",
         TARGET,
         "--profile",
