@@ -84,8 +84,8 @@ fn board_c() -> anyhow::Result<[PathBuf; 2]> {
 }
 
 /// Builds the firmware for both scalars, then runs all tests of the workspace with their paths at
-/// hand, and those of the control side as a kit has them. With arguments for `cargo test`, that runs
-/// what they select.
+/// hand, and those of the control side as a kit has them. With arguments for `cargo test`, that
+/// runs what they select.
 fn run_all(rest: &[String]) -> anyhow::Result<()> {
     if !rest.is_empty() {
         let mut command = cargo::tested("test");

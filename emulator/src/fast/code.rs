@@ -1,8 +1,8 @@
 //! The decoded code: each instruction of the flash, decoded and as a micro-operation, as of the
 //! first execution of code near it.
 //!
-//! Pages with the same content are decoded once for all boards with an image, so that several boards
-//! share the host's caches.
+//! Pages with the same content are decoded once for all boards with an image, so that several
+//! boards share the host's caches.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -119,8 +119,8 @@ impl Code {
         }
     }
 
-    /// Takes note of the version of the flash's content: pages that have changed are looked up again
-    /// before they are executed.
+    /// Takes note of the version of the flash's content: pages that have changed are looked up
+    /// again before they are executed.
     #[inline]
     pub(super) fn set_version(&mut self, version: u64, flash: &RamStore) {
         if version != self.version {
