@@ -7,6 +7,8 @@
 mod common;
 
 use canopen::NmtCommand;
+#[cfg(feature = "emulated")]
+use common::image;
 use group::GroupFile;
 use kinematics::Twist;
 use omnibus::session::Group;
@@ -554,11 +556,11 @@ macro_rules! rules {
         }
         #[cfg(feature = "emulated")]
         mod emulated {
-            rules_of!(sim::Backend::Emulator(crate::common::image("OMNIBUS_ELF")); $($rule)* $($other)*);
+            rules_of!(sim::Backend::Emulator(super::image("OMNIBUS_ELF")); $($rule)* $($other)*);
         }
         #[cfg(feature = "emulated")]
         mod board_c {
-            rules_of!(sim::Backend::Images(vec![crate::common::image("OMNIBUS_ELF_BOARD_C")]); $($rule)*);
+            rules_of!(sim::Backend::Images(vec![super::image("OMNIBUS_ELF_BOARD_C")]); $($rule)*);
         }
     };
 }

@@ -249,3 +249,41 @@ fn boxed<T, const N: usize>(make: impl FnMut(usize) -> T) -> Box<[T; N]> {
         Err(_) => unreachable!("as many as were made"),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::chip::F446;
+
+    /// MOV.W R0, #imm8 (ARMv7-M ARM, A7.7.76), which is its second halfword here.
+    const MOV_W: u16 = 0xF04F;
+
+    /// An instruction that lies across two pages is decoded again when its second half changes, and
+    /// the page is the old one when the old content is back.
+    #[test]
+    fn a_change_reaches_the_instruction_before_its_page() {
+        const LAST: usize = PAGE - 2;
+        let flash = RamStore::new(F446.flash_size());
+        let put = |offset: usize, half: u16| {
+            flash.write_at(offset as u64, &half.to_le_bytes()).unwrap();
+        };
+        put(LAST, MOV_W);
+        put(PAGE, 1);
+        let mut code = Code::new(Arc::new(Programmed::new(&F446, Vec::new())));
+        let pc = FLASH_BASE + LAST as u32;
+        let decoded = |code: &mut Code| format!("{:?}", code.at(pc, &flash).unwrap().insn);
+        let first = decoded(&mut code);
+        put(PAGE, 2);
+        code.set_version(1, &flash);
+        assert_ne!(decoded(&mut code), first);
+        // Another page, far away: nothing of this one is looked up again.
+        let page = Arc::clone(code.pages[0].as_ref().unwrap());
+        put(8 * PAGE, 3);
+        code.set_version(2, &flash);
+        assert!(Arc::ptr_eq(code.pages[0].as_ref().unwrap(), &page));
+        put(PAGE, 1);
+        code.set_version(3, &flash);
+        assert_eq!(decoded(&mut code), first);
+        assert_eq!(code.image.pages[0].lock().unwrap().len(), 2);
+    }
+}
