@@ -20,22 +20,12 @@ use crate::family::Family;
 /// Lines in the largest flash of all chips that have the caches: of 128 bits.
 const LINES: usize = (crate::chip::LARGEST_FLASH >> 4) as usize;
 
-/// Marks an instruction that spans two lines.
-pub(crate) const TWO_LINES: u32 = u32::MAX - 1;
-
 /// Bytes of a line of a chip's flash as a power of two: the STM32F1 reads 64 bits at a time.
-pub(crate) fn line_bits(family: Family) -> u32 {
+fn line_bits(family: Family) -> u32 {
     match family {
         Family::F1 => 3,
         Family::F4 => 4,
     }
-}
-
-/// The line that an instruction is in, or [`TWO_LINES`].
-#[inline(always)]
-pub(crate) fn line_of(offset: u32, length: u32, bits: u32) -> u32 {
-    let (first, last) = (offset >> bits, (offset + length - 1) >> bits);
-    if first == last { first } else { TWO_LINES }
 }
 
 /// ACR: wait states, and the three enable bits.
@@ -185,32 +175,32 @@ impl Fetch {
         self.prefetched = u32::MAX;
     }
 
-    /// The line that instructions come from.
-    #[inline(always)]
-    pub(crate) fn line(&self) -> u32 {
-        self.line
-    }
-
     /// Cycles that the core waits for an instruction of `length` bytes.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn instruction(&mut self, offset: u32, length: u32, now: u64) -> u64 {
-        if line_of(offset, length, self.bits) == self.line {
+        let (first, last) = self.lines_of(offset, length);
+        if (first ^ self.line) | (last ^ self.line) == 0 {
             0
         } else {
             self.lines(offset, length, now)
         }
     }
 
+    /// The lines that its first and its last byte are in.
+    #[inline(always)]
+    fn lines_of(&self, offset: u32, length: u32) -> (u32, u32) {
+        let bits = self.bits & 31;
+        let last = offset.wrapping_add(length).wrapping_sub(1);
+        (offset >> bits, last >> bits)
+    }
+
     /// The same for one that is not in the line in use alone.
     #[inline(never)]
-    pub(crate) fn lines(&mut self, offset: u32, length: u32, now: u64) -> u64 {
+    fn lines(&mut self, offset: u32, length: u32, now: u64) -> u64 {
         if self.wait_states == 0 {
             return 0;
         }
-        let (first, last) = (
-            offset >> self.bits,
-            offset.wrapping_add(length - 1) >> self.bits,
-        );
+        let (first, last) = self.lines_of(offset, length);
         let mut waited = 0;
         if first != self.line {
             waited = self.enter(first, now);
@@ -219,15 +209,6 @@ impl Fetch {
             waited += self.enter(last, now + waited);
         }
         waited
-    }
-
-    /// The same for one that lies in one line, which is not the one in use.
-    #[inline(never)]
-    pub(crate) fn other_line(&mut self, line: u32, now: u64) -> u64 {
-        if self.wait_states == 0 {
-            return 0;
-        }
-        self.enter(line, now)
     }
 
     /// Goes on with instructions of another line.

@@ -13,7 +13,6 @@ use super::Leave;
 use super::micro::Op;
 use super::translate::{PAGE, Place, translate};
 use crate::chip::{Chip, LARGEST_FLASH};
-use crate::fetch;
 use crate::memory_map::FLASH_BASE;
 
 /// A decoded instruction with its length in bytes.
@@ -21,17 +20,6 @@ use crate::memory_map::FLASH_BASE;
 pub(super) struct Entry {
     pub(super) insn: Insn,
     pub(super) length: u32,
-}
-
-/// The same as a micro-operation.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Slot {
-    pub(super) op: Op,
-    /// Address of the instruction behind it.
-    pub(super) next: u32,
-    /// The line of the flash that it is in; [`crate::fetch::TWO_LINES`] when it reaches into
-    /// another.
-    pub(super) line: u32,
 }
 
 /// Halfwords of a page, a power of two so that an index needs no check.
@@ -46,7 +34,9 @@ pub(super) struct Page {
     /// What was decoded: the page's content and, because an instruction may reach into the next
     /// page, the halfword behind it.
     bytes: Vec<u8>,
-    slots: Box<[Slot; HALVES]>,
+    /// Apart from each other, so that what is executed takes few lines of the host's caches.
+    ops: Box<[Op; HALVES]>,
+    lengths: Box<[u8; HALVES]>,
     /// What the instructions are in an IT block.
     in_it: Box<[Op; HALVES]>,
     /// None where the flash ends in the middle of an instruction, and for one that the core lacks.
@@ -55,8 +45,14 @@ pub(super) struct Page {
 
 impl Page {
     #[inline(always)]
-    pub(super) fn slot(&self, pc: u32) -> &Slot {
-        &self.slots[pc as usize / 2 % HALVES]
+    pub(super) fn op(&self, pc: u32) -> &Op {
+        &self.ops[pc as usize / 2 % HALVES]
+    }
+
+    /// Bytes of the instruction.
+    #[inline(always)]
+    pub(super) fn length(&self, pc: u32) -> u32 {
+        self.lengths[pc as usize / 2 % HALVES].into()
     }
 
     #[inline(always)]
@@ -198,7 +194,6 @@ fn decode_page(chip: &Chip, address: u32, bytes: Vec<u8>) -> Page {
         Some(Entry { insn, length })
     };
     let entries: Box<[Option<Entry>; HALVES]> = boxed(entry);
-    let line_bits = fetch::line_bits(chip.family);
     let op = |index: usize, in_it| match entries[index] {
         // After an instruction that is not a micro-operation the page is looked up again.
         Some(Entry { insn, length }) if 2 * index + (length as usize) < PAGE => {
@@ -212,19 +207,13 @@ fn decode_page(chip: &Chip, address: u32, bytes: Vec<u8>) -> Page {
         }
         _ => Op::Other,
     };
-    let slot = |index: usize| {
-        let length = entries[index].map_or(2, |entry| entry.length);
-        let address = address + 2 * index as u32;
-        Slot {
-            op: op(index, false),
-            next: address.wrapping_add(length),
-            line: fetch::line_of(address - FLASH_BASE, length, line_bits),
-        }
-    };
-    let (slots, in_it) = (boxed(slot), boxed(|index| op(index, true)));
+    let length = |index: usize| entries[index].map_or(2, |entry| entry.length as u8);
+    let (ops, lengths) = (boxed(|index| op(index, false)), boxed(length));
+    let in_it = boxed(|index| op(index, true));
     Page {
         bytes,
-        slots,
+        ops,
+        lengths,
         in_it,
         entries,
     }

@@ -12,7 +12,6 @@ use super::code::Page;
 use super::micro::Op;
 use super::translate::PAGE;
 use super::{Core, Done, Leave, Memory, advanced, exchangeable};
-use crate::fetch::TWO_LINES;
 use crate::memory_map::{FLASH_BASE, RAM_BASE};
 
 /// The page of an address.
@@ -38,8 +37,8 @@ impl Core {
             if now >= until {
                 break Ok(());
             }
-            let slot = page.slot(pc);
-            let mut op = &slot.op;
+            let mut op = page.op(pc);
+            let length = page.length(pc);
             let it = self.it;
             if it != 0 {
                 op = page.in_it(pc);
@@ -51,7 +50,7 @@ impl Core {
                 }
             }
             let mut cycles: u64 = 1;
-            let mut next = slot.next;
+            let mut next = pc.wrapping_add(length);
 
             macro_rules! leave {
                 () => {{
@@ -137,7 +136,7 @@ impl Core {
                 }
                 Op::Plain => {
                     self.cycles = 0;
-                    let keep_flags = it != 0 && slot.next.wrapping_sub(pc) == 2;
+                    let keep_flags = it != 0 && length == 2;
                     let done = match page.entry(pc) {
                         Ok(entry) => self.execute(memory, &entry.insn, keep_flags),
                         Err(Leave) => Err(Leave),
@@ -539,15 +538,8 @@ impl Core {
                 }
             }
 
-            if self.fetch.line() != slot.line {
-                let waited = if slot.line == TWO_LINES {
-                    let at = pc.wrapping_sub(FLASH_BASE);
-                    self.fetch.lines(at, slot.next.wrapping_sub(pc), now)
-                } else {
-                    self.fetch.other_line(slot.line, now)
-                };
-                cycles = cycles.wrapping_add(waited);
-            }
+            let at = pc.wrapping_sub(FLASH_BASE);
+            cycles = cycles.wrapping_add(self.fetch.instruction(at, length, now));
             now = now.wrapping_add(cycles);
             pc = next;
             executed = executed.wrapping_add(1);
