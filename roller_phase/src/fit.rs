@@ -7,6 +7,7 @@
 //! so wide that it matters only where the data contain no information: an axis without motion has
 //! no gain of its own.
 
+use crate::intervals::{Interval, cut};
 use crate::model::{Back, Lean, Model, Shape};
 use crate::solve::{dot, invert};
 use crate::{Motion, PhaseError, Samples, WHEELS};
@@ -19,10 +20,6 @@ const HALVINGS: i32 = 8;
 const MEMORY: usize = 24;
 /// The fit is done when no phase moves by more, pitches.
 const STILL: f64 = 1e-5;
-
-/// How long a robot may slide on after its wheels have come to their speed, s: from 0.3 m/s with
-/// friction 0.15 along axles at 45 degrees.
-const AFTER_RAMP: f64 = 0.3;
 
 /// Standard deviation to which a wheel's fundamental has to be known by itself, of its amplitude.
 const LARGEST_SPREAD: f64 = 0.3;
@@ -39,14 +36,24 @@ const GAINS: usize = 11;
 /// Two a motion: bias (rad/s) and drift (rad/s^2).
 const BIASES: usize = 14;
 
-/// One interval: what the robot did between two times.
-struct Interval {
-    motion: usize,
-    from: f64,
-    to: f64,
-    /// Displacement in the robot's own frame at the middle of the interval: m, m, rad; those that
-    /// are measured.
+/// What the wheels do in an interval, for a delay.
+#[derive(Clone, Copy)]
+struct Rolled {
+    /// At its ends.
+    angles: [[f64; 4]; 2],
+    leans: [Lean; 4],
+    /// Displacement.
     moved: [f64; 3],
+}
+
+/// What the model means for some parameters, and what that was worked out from: near by, most of
+/// it is the same.
+struct Meant {
+    parameters: Vec<f64>,
+    /// Of all intervals, for one delay after the other.
+    rolled: Vec<Rolled>,
+    /// What the wheels mean on an axis, before gain and bias.
+    bare: Vec<f64>,
 }
 
 pub(crate) struct Problem<'a> {
@@ -139,50 +146,116 @@ impl<'a> Problem<'a> {
         [interval.from, interval.to].map(|t| motion.angles_at(t - delay))
     }
 
-    /// The way back and the displacement for wheel angles at both ends; without ripple for `None`.
-    fn rolled(
+    /// The way back and the displacement for wheel angles at both ends.
+    fn moved(
         &self,
         [from, to]: &[[f64; 4]; 2],
-        ripple: Option<&[f64]>,
+        leans: &[Lean; 4],
+        drag: f64,
     ) -> Option<(Back, [f64; 3])> {
-        let leans: [Lean; 4] = std::array::from_fn(|n| match ripple {
-            Some(p) => {
-                let shape = Shape {
-                    distance: p[DISTANCE],
-                    footprint: p[FOOTPRINT],
-                };
-                self.model.lean(from[n], to[n], p[n], &shape)
-            }
-            None => self.model.mean(),
-        });
         let turned: [f64; 4] = std::array::from_fn(|n| to[n] - from[n]);
-        let back = self
-            .model
-            .back(&leans, ripple.map_or(0.0, |p| p[DRAG].exp()))?;
+        let back = self.model.back(leans, drag)?;
         Some((back, back.map(|row| dot(&row, &turned))))
     }
 
-    /// What the wheels mean on an axis, before gain and bias.
-    fn bare(&self, parameters: &[f64], ripple: bool) -> Vec<f64> {
-        let ripple = ripple.then_some(parameters);
-        let mut out = vec![0.0; self.axes.len() * self.intervals.len()];
-        for (n, interval) in self.intervals.iter().enumerate() {
-            let mut last: Option<(f64, [f64; 3])> = None;
-            for (place, axis) in self.axes.iter().enumerate() {
-                let delay = parameters[DELAYS[*axis]];
-                let moved = match last {
-                    Some((at, moved)) if at.total_cmp(&delay).is_eq() => moved,
-                    _ => {
-                        let angles = self.angles(interval, delay);
-                        self.rolled(&angles, ripple).map_or([0.0; 3], |r| r.1)
-                    }
-                };
-                last = Some((delay, moved));
-                out[place * self.intervals.len() + n] = moved[*axis] * self.weights[*axis];
+    /// What the wheels do in all intervals, for the delay at a place among the parameters.
+    fn rolled<'s>(
+        &'s self,
+        p: &'s [f64],
+        ripple: bool,
+        delay: usize,
+        near: Option<(&'s [f64], &'s [Rolled])>,
+    ) -> impl Iterator<Item = Rolled> + 's {
+        let as_near = |places: &[usize]| {
+            near.is_some_and(|(q, _)| places.iter().all(|n| p[*n].total_cmp(&q[*n]).is_eq()))
+        };
+        let same_angles = as_near(&[delay]);
+        let same_leans: [bool; 4] =
+            std::array::from_fn(|n| as_near(&[delay, n, DISTANCE, FOOTPRINT]));
+        let all_same = same_leans == [true; 4] && as_near(&[DRAG]);
+        let shape = Shape {
+            distance: p[DISTANCE],
+            footprint: p[FOOTPRINT],
+        };
+        let drag = if ripple { p[DRAG].exp() } else { 0.0 };
+        let mean = self.model.mean();
+        self.intervals.iter().enumerate().map(move |(n, interval)| {
+            let near = near.map(|(_, rolled)| rolled[n]);
+            if let Some(near) = near.filter(|_| all_same) {
+                return near;
             }
+            let angles = near
+                .filter(|_| same_angles)
+                .map_or_else(|| self.angles(interval, p[delay]), |near| near.angles);
+            let leans: [Lean; 4] = std::array::from_fn(|wheel| match near {
+                _ if !ripple => mean,
+                Some(near) if same_leans[wheel] => near.leans[wheel],
+                _ => {
+                    let [from, to] = angles.map(|angles| angles[wheel]);
+                    self.model.lean(from, to, p[wheel], &shape)
+                }
+            });
+            Rolled {
+                angles,
+                leans,
+                moved: self.moved(&angles, &leans, drag).map_or([0.0; 3], |m| m.1),
+            }
+        })
+    }
+
+    /// The delays of the measured axes, by their places.
+    fn delays(&self) -> &'static [usize] {
+        if self.axes.len() == 1 {
+            &DELAYS[2..]
+        } else {
+            &DELAYS[1..]
         }
-        for (all, axis) in out.chunks_mut(self.intervals.len()).zip(self.axes) {
-            self.trail(all, parameters[LAGS[*axis]].exp());
+    }
+
+    /// What the model means.
+    fn meant(&self, parameters: Vec<f64>, ripple: bool) -> Meant {
+        let each = self.delays().iter();
+        let rolled: Vec<Rolled> = each
+            .flat_map(|delay| self.rolled(&parameters, ripple, *delay, None))
+            .collect();
+        let moved: Vec<[f64; 3]> = rolled.iter().map(|rolled| rolled.moved).collect();
+        Meant {
+            bare: self.bare(&parameters, &moved),
+            parameters,
+            rolled,
+        }
+    }
+
+    /// What the wheels mean on an axis with other parameters, before gain and bias.
+    fn bare_near(&self, near: &Meant, parameters: &[f64], ripple: bool) -> Vec<f64> {
+        let each = self
+            .delays()
+            .iter()
+            .zip(near.rolled.chunks(self.intervals.len()));
+        let moved: Vec<[f64; 3]> = each
+            .flat_map(|(delay, rolled)| {
+                let near = Some((&near.parameters[..], rolled));
+                self.rolled(parameters, ripple, *delay, near)
+            })
+            .map(|rolled| rolled.moved)
+            .collect();
+        self.bare(parameters, &moved)
+    }
+
+    /// What the wheels mean on an axis, before gain and bias, from the displacements for each
+    /// delay.
+    fn bare(&self, parameters: &[f64], moved: &[[f64; 3]]) -> Vec<f64> {
+        let count = self.intervals.len();
+        let mut out = Vec::with_capacity(self.axes.len() * count);
+        for axis in self.axes {
+            let mut delays = self.delays().iter();
+            let place = delays
+                .position(|delay| *delay == DELAYS[*axis])
+                .unwrap_or(0);
+            let moved = &moved[place * count..(place + 1) * count];
+            let from = out.len();
+            out.extend(moved.iter().map(|moved| moved[*axis] * self.weights[*axis]));
+            self.trail(&mut out[from..], parameters[LAGS[*axis]].exp());
         }
         out
     }
@@ -213,7 +286,10 @@ impl<'a> Problem<'a> {
     }
 
     /// What is left of the measured displacements.
-    fn left(&self, parameters: &[f64], bare: &[f64]) -> Vec<f64> {
+    fn left(&self, meant: &Meant) -> Vec<f64> {
+        let Meant {
+            parameters, bare, ..
+        } = meant;
         let count = self.intervals.len();
         let mut out = Vec::with_capacity(bare.len());
         for (place, axis) in self.axes.iter().enumerate() {
@@ -230,7 +306,10 @@ impl<'a> Problem<'a> {
     }
 
     /// Derivatives of what the model means, one column a parameter.
-    fn slopes(&self, parameters: &[f64], bare: &[f64], ripple: bool) -> Vec<Vec<f64>> {
+    fn slopes(&self, meant: &Meant, ripple: bool) -> Vec<Vec<f64>> {
+        let Meant {
+            parameters, bare, ..
+        } = meant;
         let count = self.intervals.len();
         let steps = [
             [1e-4 * self.model.rollers.pitch(); 4].as_slice(),
@@ -241,9 +320,9 @@ impl<'a> Problem<'a> {
         let mut out: Vec<Vec<f64>> = Vec::with_capacity(parameters.len());
         for (n, step) in steps.into_iter().enumerate() {
             let at = |by: f64| {
-                let mut moved = parameters.to_vec();
+                let mut moved = parameters.clone();
                 moved[n] += by;
-                self.bare(&moved, ripple)
+                self.bare_near(meant, &moved, ripple)
             };
             if !ripple && n <= LAGS[2] {
                 out.push(vec![0.0; bare.len()]);
@@ -318,14 +397,14 @@ impl<'a> Problem<'a> {
         let priors = self.priors();
         let size = start.len();
         let longest = self.model.rollers.pitch() / 20.0;
-        let mut parameters = start;
+        let mut meant = self.meant(start, ripple);
         let mut step = 0;
         loop {
-            let bare = self.bare(&parameters, ripple);
-            let left = self.left(&parameters, &bare);
+            let parameters = &meant.parameters;
+            let left = self.left(&meant);
             let squares = dot(&left, &left);
             let variance = squares / left.len().saturating_sub(size).max(1) as f64;
-            let slopes = self.slopes(&parameters, &bare, ripple);
+            let slopes = self.slopes(&meant, ripple);
             let mut normal = vec![0.0; size * size];
             let mut pull = vec![0.0; size];
             for (i, column) in slopes.iter().enumerate() {
@@ -350,17 +429,17 @@ impl<'a> Problem<'a> {
                 None
             } else {
                 let share = (longest / most).min(1.0);
-                self.descend(&parameters, &by, share, (squares, variance), ripple)
+                self.descend(parameters, &by, share, (squares, variance), ripple)
             };
             let Some(next) = onward else {
                 return Some(Fit {
                     variances: self.variances(&slopes, &left, &normal),
-                    parameters,
+                    parameters: meant.parameters,
                     left,
                     squares,
                 });
             };
-            parameters = next;
+            meant = next;
         }
     }
 
@@ -373,7 +452,7 @@ impl<'a> Problem<'a> {
         share: f64,
         (squares, variance): (f64, f64),
         ripple: bool,
-    ) -> Option<Vec<f64>> {
+    ) -> Option<Meant> {
         let priors = self.priors();
         let strain = |parameters: &[f64]| -> f64 {
             let off = parameters.iter().zip(&priors);
@@ -386,8 +465,9 @@ impl<'a> Problem<'a> {
         (0..HALVINGS).find_map(|halved| {
             let share = share * 0.5_f64.powi(halved);
             let next: Vec<f64> = from.iter().zip(by).map(|(p, by)| p + share * by).collect();
-            let left = self.left(&next, &self.bare(&next, ripple));
-            (dot(&left, &left) + strain(&next) < cost).then_some(next)
+            let next = self.meant(next, ripple);
+            let left = self.left(&next);
+            (dot(&left, &left) + strain(&next.parameters) < cost).then_some(next)
         })
     }
 
@@ -400,13 +480,14 @@ impl<'a> Problem<'a> {
     /// left.
     pub fn with_ripple(&self, without: &Fit) -> Result<Fit, PhaseError> {
         let unseen = PhaseError::NotObservable { percent: 0.0 };
+        let mean = [self.model.mean(); 4];
         let mut columns = vec![Vec::new(); 8];
         for axis in self.axes {
             let delay = without.parameters[DELAYS[*axis]];
             let scale = without.parameters[GAINS + axis] * self.weights[*axis];
             for interval in &self.intervals {
                 let angles = self.angles(interval, delay);
-                let (back, moved) = self.rolled(&angles, None).ok_or(unseen)?;
+                let (back, moved) = self.moved(&angles, &mean, 0.0).ok_or(unseen)?;
                 for wheel in 0..4 {
                     let angle = 0.5 * (angles[0][wheel] + angles[1][wheel]);
                     let at = (wheel, angle, without.parameters[DISTANCE]);
@@ -444,79 +525,4 @@ impl<'a> Problem<'a> {
         }
         self.refine(start, true).ok_or(unseen)
     }
-}
-
-/// Cuts a motion into intervals in which the fastest wheel turns by about `finest` rad, ramps left
-/// out, and what follows them: there contacts carry what accelerates the robot and slip as they do
-/// at no other time, on a smooth floor for longer than the wheels take to their speed.
-fn cut(number: usize, motion: &Motion, finest: f64) -> Vec<Interval> {
-    let mut out = match &motion.seen {
-        Samples::Poses(poses) => cut_poses(number, motion, poses, finest),
-        Samples::YawRates(samples) => cut_rates(number, motion, samples, finest),
-    };
-    let uneven: Vec<f64> = out
-        .iter()
-        .filter(|interval| !motion.is_even(interval.from, interval.to))
-        .map(|interval| 0.5 * (interval.from + interval.to))
-        .collect();
-    out.retain(|interval| {
-        let since_ramp = uneven.iter().map(|ramp| interval.from - ramp);
-        motion.is_even(interval.from, interval.to)
-            && !since_ramp
-                .into_iter()
-                .any(|t| (0.0..AFTER_RAMP).contains(&t))
-    });
-    out
-}
-
-fn cut_poses(
-    number: usize,
-    motion: &Motion,
-    poses: &[(f64, [f64; 3])],
-    finest: f64,
-) -> Vec<Interval> {
-    let mut out = Vec::new();
-    let Some(mut from) = poses.first() else {
-        return out;
-    };
-    for to in poses {
-        let (before, after) = (motion.angles_at(from.0), motion.angles_at(to.0));
-        let turned = before.iter().zip(after).map(|(a, b)| (b - a).abs());
-        if turned.fold(0.0, f64::max) < finest {
-            continue;
-        }
-        let [dx, dy, turn] = [0, 1, 2].map(|n| to.1[n] - from.1[n]);
-        let (sin, cos) = (from.1[2] + 0.5 * turn).sin_cos();
-        out.push(Interval {
-            motion: number,
-            from: from.0,
-            to: to.0,
-            moved: [cos * dx + sin * dy, cos * dy - sin * dx, turn],
-        });
-        from = to;
-    }
-    out
-}
-
-/// In steps of time, standstill included: that shows the bias.
-fn cut_rates(number: usize, motion: &Motion, samples: &[(f64, f64)], finest: f64) -> Vec<Interval> {
-    let mut out = Vec::new();
-    let least = finest / motion.fastest().max(f64::MIN_POSITIVE);
-    let (mut from, mut turn) = (None, 0.0);
-    for pair in samples.windows(2) {
-        let [(before, _), (t, rate)] = [pair[0], pair[1]];
-        let began = *from.get_or_insert(before);
-        turn += rate * (t - before);
-        // Nine tenths, so that whole samples do not miss it by a hair.
-        if t - began > 0.9 * least {
-            out.push(Interval {
-                motion: number,
-                from: began,
-                to: t,
-                moved: [0.0, 0.0, turn],
-            });
-            (from, turn) = (None, 0.0);
-        }
-    }
-    out
 }

@@ -14,6 +14,7 @@
 //! ripple that explains too little, or an interval that is wide compared with a roller.
 
 mod fit;
+mod intervals;
 mod model;
 mod solve;
 

@@ -21,7 +21,7 @@
 
 use kinematics::{FourWheelGeometry, Rollers};
 
-use crate::solve::invert;
+use crate::solve::invert_three;
 
 /// Points at which a wave is averaged.
 const POINTS: u32 = 64;
@@ -152,7 +152,7 @@ impl Model {
                 }
             }
         }
-        if !invert(&mut normal, 3) {
+        if !invert_three(&mut normal) {
             return None;
         }
         Some(std::array::from_fn(|axis| {

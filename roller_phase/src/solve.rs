@@ -3,9 +3,21 @@
 /// Inverts a symmetric positive definite matrix of `size` rows in place; `false` when it is not
 /// one, or nearly not.
 pub(crate) fn invert(matrix: &mut [f64], size: usize) -> bool {
-    // Gauss-Jordan; no pivoting, because the matrix is positive.
-    let first: Vec<f64> = (0..size).map(|n| matrix[n * size + n]).collect();
-    for (pivot, first) in first.into_iter().enumerate() {
+    let diagonal: Vec<f64> = (0..size).map(|n| matrix[n * size + n]).collect();
+    eliminate(matrix, &diagonal)
+}
+
+/// The same for three rows.
+pub(crate) fn invert_three(matrix: &mut [f64; 9]) -> bool {
+    let diagonal = [matrix[0], matrix[4], matrix[8]];
+    eliminate(matrix, &diagonal)
+}
+
+/// Gauss-Jordan; no pivoting, because the matrix is positive.
+#[inline(always)]
+fn eliminate(matrix: &mut [f64], diagonal: &[f64]) -> bool {
+    let size = diagonal.len();
+    for (pivot, first) in diagonal.iter().enumerate() {
         let head = matrix[pivot * size + pivot];
         if head <= 1e-12 * first || !head.is_finite() {
             return false;
