@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 use crate::can::CanFrame;
 use crate::system::gpio::{PinLevel, Port};
-use crate::timer::PwmState;
+use crate::timer::{OutputState, PwmState};
 
 /// One change of an output.
 #[derive(Debug, Clone, PartialEq)]
@@ -65,6 +65,8 @@ pub(crate) const PWM_TIMERS: [usize; 6] = [1, 2, 3, 4, 5, 8];
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Trace {
     pwm: [[PwmState; 4]; PWM_TIMERS.len()],
+    /// What they follow from: version of the wiring, core clock in Hz, state of the timer.
+    sources: [Option<(u64, u64, OutputState)>; PWM_TIMERS.len()],
     /// Pins that are driven low and that are driven high; all float at power-on.
     pins: [(u32, u32); Port::ALL.len()],
     requests: u64,
@@ -72,6 +74,11 @@ pub(crate) struct Trace {
 }
 
 impl Trace {
+    /// Whether the outputs of a timer follow from something else than before.
+    pub(crate) fn is_new(&mut self, index: usize, source: (u64, u64, OutputState)) -> bool {
+        self.sources[index].replace(source) != Some(source)
+    }
+
     pub(crate) fn pwm(&mut self, now: u64, index: usize, channel: usize, state: PwmState) {
         let last = &mut self.pwm[index][channel - 1];
         if *last != state {

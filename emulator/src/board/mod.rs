@@ -7,6 +7,7 @@
 //!
 //! Between two runs the world may set pins, turn encoders and deliver frames, as of the last's end.
 
+mod can;
 mod debug;
 mod follow;
 mod run;
@@ -25,7 +26,7 @@ use rsemu::cpu::arm::v7m::ArmV7m;
 use crate::address_space::{Shared, address_space};
 use crate::bmi088::Bmi088;
 use crate::can::port::Which;
-use crate::can::{Can, CanFrame, CanPort};
+use crate::can::{Can, CanPort};
 use crate::chip::Chip;
 use crate::defect::{Defect, Defects};
 use crate::fast::Fast;
@@ -40,7 +41,7 @@ use crate::system::flash::FlashOperations;
 use crate::system::gpio::{PinLevel, Port};
 use crate::system::{flash, rcc};
 use crate::timer::PwmState;
-use crate::trace::{Change, Trace, Traced};
+use crate::trace::{Trace, Traced};
 
 /// The settings that differ between boards.
 #[derive(Debug, Clone, PartialEq)]
@@ -205,7 +206,7 @@ impl Board {
     /// # Errors
     /// As [`Board::run_until`].
     pub fn run_until_request(&mut self, t_ns: u64) -> Result<u64, Stop> {
-        let seen = self.with_can(Which::First, |can, _| can.requests());
+        let seen = self.see_can(Which::First, Can::requests);
         self.run(t_ns, Some(seen))?;
         Ok(self.world_ns(self.now).min(t_ns))
     }
@@ -387,42 +388,6 @@ impl Board {
 
     pub(crate) fn look<T>(&self, f: impl FnOnce(&mut Soc) -> T) -> T {
         self.shared.look(f)
-    }
-
-    pub(crate) fn with_can<T>(&self, which: Which, f: impl FnOnce(&mut Can, u64) -> T) -> T {
-        self.shared.with(|soc| {
-            let now = soc.now;
-            let can = match which {
-                Which::First => &mut soc.can,
-                Which::Second => &mut soc.can2,
-            };
-            can.sync(now);
-            let result = f(can, now);
-            soc.settle();
-            result
-        })
-    }
-
-    /// Records a frame on the bus in the trace.
-    pub(crate) fn trace_arrival(&mut self, frame: &CanFrame) {
-        let change = Change::Arrival(*frame);
-        self.shared.look(|soc| {
-            let now = soc.now;
-            if let Some(trace) = &mut soc.trace {
-                trace.changes.push((now, change));
-            }
-        });
-    }
-
-    pub(crate) fn can_bit_rate(&self, which: Which) -> Option<u32> {
-        self.shared.look(|soc| soc.can_bit_rate(which))
-    }
-
-    pub(crate) fn can_receive(&self, which: Which, frame: &CanFrame, bits: u32) {
-        self.shared.with(|soc| {
-            soc.can_receive(which, frame, bits);
-            soc.settle();
-        });
     }
 
     /// Log lines decoded since the last call.

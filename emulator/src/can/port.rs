@@ -1,6 +1,6 @@
 //! The controller as seen from the bus.
 
-use super::{CanError, CanFrame, ErrorCounters};
+use super::{Can, CanError, CanFrame, ErrorCounters};
 use crate::board::Board;
 
 /// One of the chip's CAN controllers.
@@ -36,7 +36,7 @@ impl CanPort<'_> {
     /// Fraction of a bit before the sample point.
     #[must_use]
     pub fn sample_point(&self) -> f32 {
-        self.board.with_can(self.which, |can, _| can.sample_point())
+        self.board.see_can(self.which, |can| can.sample_point())
     }
 
     /// The frame that is to be sent next.
@@ -44,7 +44,7 @@ impl CanPort<'_> {
     pub fn pending(&self) -> Option<CanFrame> {
         self.bit_rate()?;
         self.board
-            .with_can(self.which, |can, _| can.pending())
+            .see_can(self.which, Can::pending)
             .map(|(frame, _)| frame)
     }
 
@@ -52,7 +52,7 @@ impl CanPort<'_> {
     #[must_use]
     pub fn pending_since_ns(&self) -> Option<u64> {
         self.bit_rate()?;
-        let (_, cycle) = self.board.with_can(self.which, |can, _| can.pending())?;
+        let (_, cycle) = self.board.see_can(self.which, Can::pending)?;
         Some(self.board.world_ns(cycle))
     }
 
@@ -117,26 +117,24 @@ impl CanPort<'_> {
     /// Whether this node answers frames with a dominant acknowledge bit.
     #[must_use]
     pub fn acknowledges(&self) -> bool {
-        self.bit_rate().is_some() && self.board.with_can(self.which, |can, _| !can.silent())
+        self.bit_rate().is_some() && self.board.see_can(self.which, |can| !can.silent())
     }
 
     /// Whether the node is bus-off.
     #[must_use]
     pub fn bus_off(&self) -> bool {
-        self.board.with_can(self.which, |can, _| can.bus_off())
+        self.board.see_can(self.which, |can| can.bus_off())
     }
 
     /// Whether the node is error passive.
     #[must_use]
     pub fn error_passive(&self) -> bool {
-        self.board
-            .with_can(self.which, |can, _| can.error_passive())
+        self.board.see_can(self.which, |can| can.error_passive())
     }
 
     /// The error counters.
     #[must_use]
     pub fn error_counters(&self) -> ErrorCounters {
-        self.board
-            .with_can(self.which, |can, _| can.error_counters())
+        self.board.see_can(self.which, |can| can.error_counters())
     }
 }

@@ -63,6 +63,8 @@ pub(crate) struct Soc {
     pwr: Pwr,
     pub(crate) flash: Flash,
     places: Places,
+    /// Counts what may give a pin to another signal or stop a timer's clock.
+    wiring: u64,
     gpio: [Gpio; Port::ALL.len()],
     exti: Exti,
     afio: Afio,
@@ -132,6 +134,7 @@ impl Soc {
             pwr,
             flash,
             places: Places::new(chip),
+            wiring: 0,
             gpio: Port::ALL.map(|port| Gpio::new(chip.family, port)),
             exti: Exti::default(),
             afio: Afio::default(),
@@ -184,6 +187,7 @@ impl Soc {
         self.dma1.reset();
         self.crc.reset();
         self.reset_request = 0;
+        self.wiring += 1;
         self.apply_clocks();
         self.settle();
     }
@@ -268,6 +272,9 @@ impl Soc {
         };
         if let Err(what) = word.and_then(|word| self.write_word(entry.unit, offset, word)) {
             self.unmodelled(self.describe(entry, offset, what), address, Some(value));
+        }
+        if matches!(entry.unit, Unit::Gpio(_) | Unit::Afio | Unit::Rcc) {
+            self.wiring += 1;
         }
         self.follow_wires();
         self.settle();

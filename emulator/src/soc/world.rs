@@ -311,6 +311,11 @@ impl Soc {
     /// Compares all outputs with the record.
     pub(super) fn record(&mut self, trace: &mut Trace) {
         for (index, timer) in PWM_TIMERS.into_iter().enumerate() {
+            self.timers[timer].sync(self.now);
+            let state = self.timers[timer].output_state();
+            if !trace.is_new(index, (self.wiring, self.clock.hz(), state)) {
+                continue;
+            }
             for channel in 1..=4 {
                 trace.pwm(self.now, index, channel, self.pwm(timer, channel));
             }
@@ -387,6 +392,54 @@ mod tests {
             assert_eq!(soc.stop, None, "{chip:?}");
             assert_eq!(soc.can_connected(Which::First), has, "{chip:?}");
             assert_eq!(soc.pwm(1, 1).active, has, "{chip:?}");
+        }
+    }
+
+    /// What ends an output without its timer's counting, and begins it again.
+    #[test]
+    fn a_record_has_what_ends_an_output() {
+        let mut soc = soc(&F407);
+        soc.system_reset(0);
+        soc.trace = Some(Box::default());
+        for (address, value) in [
+            (0x4002_3830, 0x10),    // GPIOE
+            (0x4002_3844, 1),       // TIM1
+            (0x4002_1000, 2 << 18), // PE9
+            (0x4002_1024, 1 << 4),  // is TIM1's
+            (0x4001_002C, 99),      // ARR
+            (0x4001_0034, 25),      // CCR1
+            (0x4001_0018, 0x60),    // PWM mode 1
+            (0x4001_0020, 1),
+            (0x4001_0044, 0x8000),
+            (0x4001_0000, 1),
+        ] {
+            soc.write(address, 4, value);
+        }
+        for (what, address, off, on) in [
+            ("pin", 0x4002_1000, 0, 2 << 18),
+            ("function of the pin", 0x4002_1024, 2 << 4, 1 << 4),
+            ("clock", 0x4002_3844, 0, 1),
+            ("channel", 0x4001_0020, 0, 1),
+            ("MOE", 0x4001_0044, 0, 0x8000),
+            ("counter", 0x4001_0000, 0, 1),
+        ] {
+            for (value, expected) in [(off, false), (on, true)] {
+                if let Some(trace) = &mut soc.trace {
+                    trace.changes.clear();
+                }
+                soc.write(address, 4, value);
+                let changes = soc.trace.as_ref().map(|trace| &trace.changes[..]);
+                let active = |(_, change): &(u64, Change)| match change {
+                    Change::Pwm {
+                        timer: 1,
+                        channel: 1,
+                        state,
+                    } => Some(state.active),
+                    _ => None,
+                };
+                let found: Vec<bool> = changes.unwrap().iter().filter_map(active).collect();
+                assert_eq!(found, [expected], "{what} {value:#x}");
+            }
         }
     }
 

@@ -17,6 +17,7 @@ pub mod output;
 #[cfg(test)]
 mod tests;
 
+pub(crate) use output::OutputState;
 pub use output::PwmState;
 
 /// What a timer has.

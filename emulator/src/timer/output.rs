@@ -17,7 +17,31 @@ pub struct PwmState {
     pub active: bool,
 }
 
+/// What the outputs of a timer follow from.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(crate) struct OutputState {
+    registers: [u32; 7],
+    loaded: [u64; 6],
+    ratio: u64,
+    /// Where a counter stands that does not count.
+    count: Option<u64>,
+}
+
 impl Timer {
+    /// What its outputs follow from, as of the last [`Timer::sync`].
+    pub(crate) fn output_state(&self) -> OutputState {
+        let [ccr1, ccr2, ccr3, ccr4] = self.ccr.map(|ccr| ccr.active);
+        let [ccmr1, ccmr2] = self.ccmr;
+        let (cr1, cr2, smcr, ccer, bdtr) = (self.cr1, self.cr2, self.smcr, self.ccer, self.bdtr);
+        let runs = self.enabled() && self.arr.active != 0;
+        OutputState {
+            registers: [cr1, cr2, smcr, ccmr1, ccmr2, ccer, bdtr],
+            loaded: [self.arr.active, self.psc.active, ccr1, ccr2, ccr3, ccr4],
+            ratio: self.ratio,
+            count: (!runs).then(|| self.count()),
+        }
+    }
+
     /// Whether the outputs as a whole are enabled: MOE where there is one.
     #[must_use]
     pub fn outputs_enabled(&self) -> bool {
