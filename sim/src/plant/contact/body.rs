@@ -27,13 +27,28 @@ pub(super) struct Body {
     pose: Pose<f64>,
     /// World frame.
     velocity: [f64; 3],
-    /// In the last step: for each robot what its first rollers did, and its second where it stood
+    /// In this step: for each robot what its first rollers can do, and its second where it stands
     /// on such.
     pushes: Vec<Pushes>,
     friction: f64,
     floor: Vec<Patch>,
     /// The centre of mass in the frame the members' places are given in.
     centre: (f64, f64),
+    step: Step,
+}
+
+/// A step under way. Velocities are in the body's frame.
+#[derive(Debug, Clone, Copy)]
+struct Step {
+    /// Sine and cosine of the heading halfway.
+    direction: (f64, f64),
+    /// Over the step's length.
+    inertia: [f64; 3],
+    before: [f64; 3],
+    /// At that velocity.
+    derivatives: Derivatives,
+    /// Where the first of Newton's steps leads.
+    after: [f64; 3],
 }
 
 impl Body {
@@ -72,6 +87,13 @@ impl Body {
             friction: contact.friction,
             floor: floor.to_vec(),
             centre,
+            step: Step {
+                direction: (0.0, 1.0),
+                inertia: [0.0; 3],
+                before: [0.0; 3],
+                derivatives: Derivatives::NONE,
+                after: [0.0; 3],
+            },
         })
     }
 
@@ -102,9 +124,10 @@ impl Body {
         self.velocity = velocity;
     }
 
-    /// Advances by `dt` in which the wheels turned by `turned` and the robots stood so.
+    /// Begins a step of `dt` in which the wheels turn by `turned` and the robots stand so: finds
+    /// what the floor can do.
     #[inline(always)]
-    pub fn step(&mut self, dt: f64, stands: &[Stand], turned: &[[f64; 4]]) {
+    pub fn begin(&mut self, dt: f64, stands: &[Stand], turned: &[[f64; 4]]) {
         let (sin, cos) = libm::sincos(self.pose.heading + 0.5 * dt * self.velocity[2]);
         let per_dt = 1.0 / dt;
         self.pushes.clear();
@@ -124,11 +147,38 @@ impl Body {
         }
         let [vx, vy, omega] = self.velocity;
         let before = [cos * vx + sin * vy, cos * vy - sin * vx, omega];
-        let after = settle(
-            self.pushes.as_flattened(),
-            self.inertia.map(|m| m * per_dt),
+        self.step = Step {
+            direction: (sin, cos),
+            inertia: self.inertia.map(|m| m * per_dt),
             before,
-        );
+            derivatives: Derivatives::of(&self.pushes, before),
+            after: before,
+        };
+    }
+
+    /// Continues the step: takes the first of Newton's steps.
+    #[inline(always)]
+    pub fn approach(&mut self) {
+        let step = &mut self.step;
+        let newton = step
+            .derivatives
+            .newton(step.inertia, step.before, step.before);
+        step.after = along(step.before, newton, 1.0);
+    }
+
+    /// Ends the step: moves.
+    #[inline(always)]
+    pub fn finish(&mut self, dt: f64, stands: &[Stand]) {
+        let Step {
+            direction: (sin, cos),
+            inertia,
+            before,
+            mut after,
+            ..
+        } = self.step;
+        if !all_as_limited(&self.pushes, before, after) {
+            after = settle(&self.pushes, inertia, before);
+        }
         let mut pushes = self.pushes.iter();
         for wheels in &mut self.robots {
             wheels.turn_rollers(&stands[wheels.robot], &mut pushes, after, dt);
@@ -194,12 +244,11 @@ fn share_load(robots: &mut [Wheels], weight: f64) -> Result<(), SimError> {
 
 /// The velocity at which momentum and friction agree; `inertia` is over the step's length.
 #[inline(always)]
-fn settle(pushes: &[Push], inertia: [f64; 3], before: [f64; 3]) -> [f64; 3] {
+fn settle(pushes: &[Pushes], inertia: [f64; 3], before: [f64; 3]) -> [f64; 3] {
     let mut v = before;
     let mut cost = None;
     for _ in 0..STEPS {
-        let (gradient, curvature) = derivatives(pushes, inertia, before, v);
-        let step = solve(curvature, gradient);
+        let step = Derivatives::of(pushes, v).newton(inertia, before, v);
         let mut part = 1.0;
         let mut next = along(v, step, part);
         if all_as_limited(pushes, v, next) {
@@ -223,10 +272,11 @@ fn settle(pushes: &[Push], inertia: [f64; 3], before: [f64; 3]) -> [f64; 3] {
 
 /// Whether all contacts are [`Push::as_limited`].
 #[inline(always)]
-fn all_as_limited(pushes: &[Push], a: [f64; 3], b: [f64; 3]) -> bool {
+fn all_as_limited(pushes: &[Pushes], a: [f64; 3], b: [f64; 3]) -> bool {
     // Not `all`, which is not always inlined, and so made without vectors.
-    for push in pushes {
-        if !push.as_limited(a, b) {
+    for pushes in pushes {
+        let [along, across] = pushes.each();
+        if !along.as_limited(a, b) || !across.as_limited(a, b) {
             return false;
         }
     }
@@ -267,69 +317,98 @@ impl Push {
     /// Whether friction is below its limit, or at which of the two it is, alike at two velocities.
     #[inline(always)]
     fn as_limited(&self, a: [f64; 3], b: [f64; 3]) -> bool {
-        let (a, b, limit) = (self.wanted(a).0, self.wanted(b).0, self.limit.0);
-        let alike = |n: usize| {
-            ((a[n] > limit[n]) == (b[n] > limit[n])) & ((a[n] < -limit[n]) == (b[n] < -limit[n]))
-        };
-        alike(0) & alike(1) & alike(2) & alike(3)
+        self.end(a).is(self.end(b))
+    }
+
+    /// At which end of its range friction is: 1, -1, or 0 between them.
+    #[inline(always)]
+    fn end(&self, v: [f64; 3]) -> Four {
+        let wanted = self.wanted(v);
+        let lowest = (-self.limit - wanted).where_positive(-Four::ONE, Four::ZERO);
+        (wanted - self.limit).where_positive(Four::ONE, lowest)
     }
 }
 
 /// What the right velocity makes least.
-fn value(pushes: &[Push], inertia: [f64; 3], before: [f64; 3], v: [f64; 3]) -> f64 {
+fn value(pushes: &[Pushes], inertia: [f64; 3], before: [f64; 3], v: [f64; 3]) -> f64 {
     let momentum: f64 = (0..3)
         .map(|k| 0.5 * inertia[k] * (v[k] - before[k]).powi(2))
         .sum();
-    let friction = pushes.iter().fold(Four::ZERO, |sum, push| {
-        let slip = push.slip(v).abs();
-        let excess = push.stiffness * slip - push.limit;
-        let knee = push.limit / push.stiffness;
-        sum + excess.where_positive(
-            push.limit * (slip - knee * 0.5),
-            push.stiffness * slip * slip * 0.5,
-        )
-    });
+    let friction = pushes
+        .iter()
+        .flat_map(Pushes::each)
+        .fold(Four::ZERO, |sum, push| {
+            let slip = push.slip(v).abs();
+            let excess = push.stiffness * slip - push.limit;
+            let knee = push.limit / push.stiffness;
+            sum + excess.where_positive(
+                push.limit * (slip - knee * 0.5),
+                push.stiffness * slip * slip * 0.5,
+            )
+        });
     momentum + friction.sum()
 }
 
-/// Its first and second derivatives; of the second what is on and below the diagonal.
-#[inline(always)]
-fn derivatives(
-    pushes: &[Push],
-    inertia: [f64; 3],
-    before: [f64; 3],
-    v: [f64; 3],
-) -> ([f64; 3], [[f64; 3]; 3]) {
-    let mut gradient = [Four::ZERO; 3];
-    let mut curvature = [[Four::ZERO; 3]; 3];
-    for push in pushes {
+/// Its first and second derivatives without the momentum's part, one lane for each wheel of a
+/// robot; of the second what is on and below the diagonal, row by row.
+///
+/// Adding up the lanes is for later: next to the loop over the contacts the compiler would make
+/// vectors across the sums rather than of wheels there, and spend its time on moving lanes.
+#[derive(Debug, Clone, Copy)]
+struct Derivatives {
+    gradient: [Four; 3],
+    curvature: [Four; 6],
+}
+
+impl Derivatives {
+    const NONE: Self = Self {
+        gradient: [Four::ZERO; 3],
+        curvature: [Four::ZERO; 6],
+    };
+
+    #[inline(always)]
+    fn of(pushes: &[Pushes], v: [f64; 3]) -> Self {
+        let mut sums = Self::NONE;
+        for pushes in pushes {
+            let [along, across] = pushes.each();
+            sums.add(&along, v);
+            sums.add(&across, v);
+        }
+        sums
+    }
+
+    #[inline(always)]
+    fn add(&mut self, push: &Push, v: [f64; 3]) {
         let force = push.wanted(v);
         let held = push.held(force);
         let stiffness = (force.abs() - push.limit).where_positive(Four::ZERO, push.stiffness);
-        for (k, curvature) in curvature.iter_mut().enumerate() {
-            gradient[k] = gradient[k] + push.row[k] * held;
-            let scaled = stiffness * push.row[k];
-            for (sum, row) in curvature.iter_mut().zip(push.row).take(k + 1) {
-                *sum = *sum + scaled * row;
-            }
-        }
+        let [x, y, turn] = push.row;
+        let [a, b, c] = [x * held, y * held, turn * held];
+        let (dx, dy, dturn) = (stiffness * x, stiffness * y, stiffness * turn);
+        let g = &mut self.gradient;
+        (g[0], g[1], g[2]) = (g[0] + a, g[1] + b, g[2] + c);
+        let c = &mut self.curvature;
+        (c[0], c[1], c[2]) = (c[0] + dx * x, c[1] + dy * x, c[2] + dy * y);
+        (c[3], c[4], c[5]) = (c[3] + dturn * x, c[4] + dturn * y, c[5] + dturn * turn);
     }
-    let (mut gradient, mut curvature) = sums(gradient, curvature);
-    for k in 0..3 {
-        gradient[k] += inertia[k] * (v[k] - before[k]);
-        curvature[k][k] += inertia[k];
-    }
-    (gradient, curvature)
-}
 
-/// Sums over the wheels. Apart, because next to the loop that adds them up the compiler would make
-/// vectors across these sums rather than of wheels there, and spend its time on moving lanes.
-#[inline(never)]
-fn sums(gradient: [Four; 3], curvature: [[Four; 3]; 3]) -> ([f64; 3], [[f64; 3]; 3]) {
-    (
-        gradient.map(Four::sum),
-        curvature.map(|row| row.map(Four::sum)),
-    )
+    /// Newton's step from the velocity `v`.
+    #[inline(always)]
+    fn newton(&self, inertia: [f64; 3], before: [f64; 3], v: [f64; 3]) -> [f64; 3] {
+        let [a, b, c] = self.gradient;
+        let [d, e, f, g, h, i] = self.curvature;
+        let [a, b] = Four::two_sums(a, b);
+        let [c, d] = Four::two_sums(c, d);
+        let [e, f] = Four::two_sums(e, f);
+        let [g, h] = Four::two_sums(g, h);
+        let (mut gradient, mut curvature) =
+            ([a, b, c], [[d, 0.0, 0.0], [e, f, 0.0], [g, h, i.sum()]]);
+        for k in 0..3 {
+            gradient[k] += inertia[k] * (v[k] - before[k]);
+            curvature[k][k] += inertia[k];
+        }
+        solve(curvature, gradient)
+    }
 }
 
 /// Solves a symmetric positive definite system from what is on and below the diagonal, by
@@ -367,16 +446,16 @@ mod tests {
     #[test]
     fn a_contact_gives_its_limit_and_no_more() {
         let only = |value: f64| Four([0.0, value, 0.0, 0.0]);
-        let push = Push {
-            row: [only(1.0), Four::ZERO, Four::ZERO],
-            rest: only(1.0),
-            lever: Four::ZERO,
+        let push = Pushes {
+            axle: [only(1.0), Four::ZERO],
+            arms: [Four::ZERO; 2],
+            rest: [only(1.0), Four::ZERO],
             limit: only(3.0),
-            stiffness: only(90.0),
+            stiffness: [only(90.0), Four::ZERO],
         };
         let v = settle(&[push], [10.0, 10.0, 1.0], [0.0; 3]);
         assert!((v[0] - 0.3).abs() < 1e-12, "{v:?}");
-        let strong = Push {
+        let strong = Pushes {
             limit: only(1e3),
             ..push
         };

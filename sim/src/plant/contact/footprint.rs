@@ -30,8 +30,8 @@ pub(super) struct Footprint {
 /// A roller on the floor under each wheel.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Foot {
-    /// Which one, from 0.
-    pub roller: [u8; 4],
+    /// Which one: a whole number from 0.
+    pub roller: Four,
     /// Cosine of the angle by which the wheel has rolled on past its middle.
     pub tilt: Four,
     /// Tangent and secant of the same angle, but not past its end: that is where it still touches.
@@ -97,10 +97,10 @@ impl Footprint {
     }
 
     #[inline(always)]
-    fn roller(&self, number: Four) -> [u8; 4] {
+    fn roller(&self, number: Four) -> Four {
         // Half a roller on, so that rounding takes none to the turn before.
         let turns = ((number + Four::all(0.5)) * self.per_rollers).floor();
-        (number - turns * self.rollers).0.map(|number| number as u8)
+        number - turns * self.rollers
     }
 
     /// Part of the load that presses further than an angle from the middle: with the parabola `3/4
@@ -134,7 +134,7 @@ mod tests {
         let angles = Four([angle + 0.1, angle - 0.3, angle, angle + 1.0]);
         let (first, other) = footprint.feet(angles);
         let of = |foot: Foot| One {
-            roller: foot.roller[2],
+            roller: foot.roller.0[2] as u8,
             tilt: foot.tilt.0[2],
             tan: foot.tan.0[2],
             secant: foot.secant.0[2],

@@ -101,10 +101,25 @@ impl Four {
         (a > 0.0) | (b > 0.0) | (c > 0.0) | (d > 0.0)
     }
 
+    /// Whether all lanes are the other's.
+    #[inline(always)]
+    pub fn is(self, other: Self) -> bool {
+        let ([a, b, c, d], [e, g, h, i]) = (self.0, other.0);
+        (a == e) & (b == g) & (c == h) & (d == i)
+    }
+
     #[inline(always)]
     pub fn sum(self) -> f64 {
         let [a, b, c, d] = self.0;
         (a + b) + (c + d)
+    }
+
+    /// The [`sum`](Self::sum)s of two at once.
+    #[inline(always)]
+    pub fn two_sums(a: Self, b: Self) -> [f64; 2] {
+        let ([a0, a1, a2, a3], [b0, b1, b2, b3]) = (a.0, b.0);
+        let pairs = [a0 + a1, b0 + b1, a2 + a3, b2 + b3];
+        [pairs[0] + pairs[2], pairs[1] + pairs[3]]
     }
 
     /// Sine and cosine of angles within a sixth of a turn to either side: half a wheel's pitch with

@@ -258,8 +258,16 @@ impl ContactPlant {
             self.angles[robot] = (before + turned).0;
             self.stands.push(underside.stand(before + turned * 0.5));
         }
+        // Bodies take each part of the step together: within a body one waits for the other, but
+        // the processor computes several bodies at the same time.
         for body in self.joined.iter_mut().chain(&mut self.single) {
-            body.step(dt, &self.stands, turned);
+            body.begin(dt, &self.stands, turned);
+        }
+        for body in self.joined.iter_mut().chain(&mut self.single) {
+            body.approach();
+        }
+        for body in self.joined.iter_mut().chain(&mut self.single) {
+            body.finish(dt, &self.stands);
         }
     }
 }

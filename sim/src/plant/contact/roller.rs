@@ -30,7 +30,7 @@ pub(super) struct Rollers {
     each: Vec<[Roller; 4]>,
     /// Those on the floor under each wheel, a first and a second; the same twice where it stands on
     /// one, and then the second does not count.
-    down: Option<[[u8; 2]; 4]>,
+    down: Option<[Four; 2]>,
     turning: [Turning; 2],
     /// Since the beginning, s.
     now: f64,
@@ -148,30 +148,34 @@ impl Rollers {
     /// From now on one or two under each wheel are `down` on the floor. An axle resists with
     /// `drag`, as a force at the floor under all of a wheel's load, N s/m; in the air as much.
     #[inline(always)]
-    pub fn stand_on(&mut self, down: [[u8; 2]; 4], drag: Four) {
-        if self.down != Some(down) {
-            self.change(down, drag);
+    pub fn stand_on(&mut self, down: [Four; 2], drag: Four) {
+        if let Some([first, second]) = self.down
+            && first.is(down[0])
+            && second.is(down[1])
+        {
+            return;
         }
+        self.change(down, drag);
     }
 
     #[inline(never)]
-    fn change(&mut self, down: [[u8; 2]; 4], drag: Four) {
+    fn change(&mut self, down: [Four; 2], drag: Four) {
         if let Some(before) = self.down.replace(down) {
             // The first last: it is the one that counts where both are the same.
-            for (turning, place) in self.turning.iter().zip([0, 1]).rev() {
+            for (turning, before) in self.turning.iter().zip(before).rev() {
                 for (wheel, rate) in turning.rate.0.into_iter().enumerate() {
-                    self.each[usize::from(before[wheel][place])][wheel].rate = rate;
+                    self.each[before.0[wheel] as usize][wheel].rate = rate;
                 }
             }
         }
         let middle = self.shape.radius(Four::ONE);
         let slowing = drag * middle * middle / self.inertia;
         for (number, rollers) in self.each.iter_mut().enumerate() {
-            for ((roller, down), slowing) in rollers.iter_mut().zip(down).zip(slowing.0) {
-                let down = down.into_iter().any(|down| usize::from(down) == number);
+            for (wheel, (roller, slowing)) in rollers.iter_mut().zip(slowing.0).enumerate() {
+                let is_down = down.iter().any(|down| down.0[wheel] as usize == number);
                 match roller.left {
-                    None if !down => roller.left = Some(self.now),
-                    Some(left) if down => {
+                    None if !is_down => roller.left = Some(self.now),
+                    Some(left) if is_down => {
                         // Without inertia it is infinite, or no number without drag.
                         if slowing.is_finite() {
                             roller.rate *= libm::exp(slowing * (left - self.now));
@@ -182,9 +186,8 @@ impl Rollers {
                 }
             }
         }
-        for (place, turning) in self.turning.iter_mut().enumerate() {
-            turning.rate =
-                Four::from_fn(|wheel| self.each[usize::from(down[wheel][place])][wheel].rate);
+        for (turning, down) in self.turning.iter_mut().zip(down) {
+            turning.rate = Four::from_fn(|wheel| self.each[down.0[wheel] as usize][wheel].rate);
         }
     }
 
@@ -251,7 +254,7 @@ mod tests {
     fn on(roller: u8, phi: f64) -> (u8, Grip) {
         let barrel = rollers(Contact::default()).shape;
         let grip = barrel.grip(&Foot {
-            roller: [roller; 4],
+            roller: Four::all(roller.into()),
             tilt: Four::all(libm::cos(phi)),
             tan: Four::all(libm::tan(phi)),
             secant: Four::all(1.0 / libm::cos(phi)),
@@ -265,7 +268,7 @@ mod tests {
     fn spin_up(rollers: &mut Rollers, on: &(u8, Grip), speed: f64, drag: f64, seconds: f64) -> f64 {
         let drag = Four::all(drag);
         let (number, grip) = on;
-        rollers.stand_on([[*number; 2]; 4], drag);
+        rollers.stand_on([Four::all((*number).into()); 2], drag);
         let mut impulse = Four::ZERO;
         for _ in 0..(seconds / DT).round() as u32 {
             let (rest, stiffness) = rollers.resistance(0, grip, Four::all(GRIP), drag, DT);
@@ -370,15 +373,15 @@ mod tests {
         let foot = on(0, edge);
         spin_up(&mut rollers, &foot, 0.7, 0.0, 0.02);
         let rate = rollers.turning[0].rate.0[2];
-        rollers.stand_on([[1; 2]; 4], Four::all(drag));
-        rollers.stand_on([[0; 2]; 4], Four::all(drag));
+        rollers.stand_on([Four::all(1.0); 2], Four::all(drag));
+        rollers.stand_on([Four::all(0.0); 2], Four::all(drag));
         assert!((rollers.turning[0].rate.0[2] - rate).abs() < 1e-12);
         let impulse = spin_up(&mut rollers, &foot, 0.7, 0.0, DT);
         assert!(impulse.abs() < 1e-9, "{impulse}");
         // 50 ms on the next one, then back; the radius that the axle's drag acts with is that of
         // the middle.
         spin_up(&mut rollers, &on(1, edge), 0.7, drag, 0.05);
-        rollers.stand_on([[0; 2]; 4], Four::all(drag));
+        rollers.stand_on([Four::all(0.0); 2], Four::all(drag));
         let expected = rate * (-drag * 0.0335 * 0.0335 * 0.05 / rollers.inertia.0[2]).exp();
         let left = rollers.turning[0].rate.0[2];
         assert!((left / expected - 1.0).abs() < 1e-9, "{left} {expected}");
@@ -391,7 +394,7 @@ mod tests {
         let mut rollers = rollers(Contact::default());
         let feet = [on(3, PI / 8.0), on(4, -PI / 8.0)];
         spin_up(&mut rollers, &feet[0], 0.7, 0.0, 0.02);
-        rollers.stand_on([[3, 4]; 4], Four::all(12.0));
+        rollers.stand_on([Four::all(3.0), Four::all(4.0)], Four::all(12.0));
         rollers.pass(0.05);
         for (which, expected) in [0.7, 0.0].into_iter().enumerate() {
             assert!((surface(&rollers, which, &feet[which]) - expected).abs() < 1e-9);

@@ -24,8 +24,8 @@ pub(super) struct Stand {
     first: Touch,
     /// The second roller of those wheels that stand on two.
     other: Option<Touch>,
-    /// Which rollers each wheel stands on; the same twice where it is one.
-    down: [[u8; 2]; 4],
+    /// Which rollers the wheels stand on; the same twice where it is one.
+    down: [Four; 2],
 }
 
 /// A roller under each wheel, and where it touches the floor.
@@ -65,23 +65,31 @@ pub(super) struct Wheels {
     inertia: Option<f64>,
 }
 
-/// A direction in which the floor pushes a body through each wheel of a robot.
+/// What the floor can do at a roller under each wheel of a robot: along its axle, and across, to
+/// the axle's left. What is a pair belongs to the two.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Pushes {
+    /// Direction of the axle in the body's frame: ahead and to the left.
+    pub axle: [Four; 2],
+    /// Moment arms about the centre of mass, m.
+    pub arms: [Four; 2],
+    /// Velocities at which the contact would rest, m/s.
+    pub rest: [Four; 2],
+    /// Largest force, N; 0 where there is no contact.
+    pub limit: Four,
+    /// Force over slip velocity below the limit, N s/m.
+    pub stiffness: [Four; 2],
+}
+
+/// One direction of [`Pushes`].
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Push {
     /// Direction, and moment arm about the centre of mass.
     pub row: [Four; 3],
-    /// Velocity along it at which the contact would rest, m/s.
     pub rest: Four,
-    /// Over what lever the force turns the wheel, m.
-    pub lever: Four,
-    /// Largest force, N; 0 where there is no contact.
     pub limit: Four,
-    /// Force over slip velocity below the limit, N s/m.
     pub stiffness: Four,
 }
-
-/// What the floor can do at a roller under each wheel: along its axle, and across.
-pub(super) type Pushes = [Push; 2];
 
 /// Stiffest contact, N s/m: what wheels that contradict each other fight about is shared by it.
 const STIFFEST: f64 = 4e9;
@@ -108,9 +116,8 @@ impl Underside {
     #[inline(always)]
     pub fn stand(&self, angles: Four) -> Stand {
         let (first, other) = self.footprint.feet(angles);
-        let seconds = other.map_or(first.roller, |other| other.roller);
         Stand {
-            down: std::array::from_fn(|wheel| [first.roller[wheel], seconds[wheel]]),
+            down: [first.roller, other.as_ref().unwrap_or(&first).roller],
             first: self.touch(&first),
             other: other.map(|foot| self.touch(&foot)),
         }
@@ -191,28 +198,36 @@ impl Wheels {
         let creeping = (limit * self.per_creep).min(Four::all(STIFFEST));
         let drag = self.load * self.damping;
         let (rest, resistance) = self.rollers.resistance(which, &grip, creeping, drag, dt);
-        let push = |ahead: Four, left: Four, rest: Four, stiffness: Four| {
-            let dx = ahead * self.cos - left * self.sin;
-            let dy = ahead * self.sin + left * self.cos;
-            let lever = ahead * self.radius;
-            // By what a wheel gives way to a newton in this step, as far as it stands on this
-            // roller.
-            let stiffness = self.inertia.map_or(stiffness, |inertia| {
-                let gives = lever * lever * dt / (grip.share * inertia);
-                stiffness / (Four::ONE + stiffness * gives)
-            });
-            Push {
-                row: [dx, dy, x * dy - y * dx],
-                rest: rates * lever + rest,
-                lever,
-                limit,
-                stiffness: grip.share.where_positive(stiffness, Four::ZERO),
-            }
-        };
-        [
-            push(ahead, left, Four::ZERO, creeping),
-            push(-left, ahead, rest, resistance),
-        ]
+        let dx = ahead * self.cos - left * self.sin;
+        let dy = ahead * self.sin + left * self.cos;
+        let levers = self.levers(touch);
+        Pushes {
+            axle: [dx, dy],
+            arms: [x * dy - y * dx, x * dx + y * dy],
+            rest: [rates * levers[0], rates * levers[1] + rest],
+            limit,
+            stiffness: [
+                self.giving(creeping, levers[0], grip.share, dt),
+                self.giving(resistance, levers[1], grip.share, dt),
+            ],
+        }
+    }
+
+    /// Over what levers a force along an axle and one across it turn the wheel, m.
+    #[inline(always)]
+    fn levers(&self, touch: &Touch) -> [Four; 2] {
+        [touch.ahead * self.radius, -touch.left * self.radius]
+    }
+
+    /// Stiffness of contacts with wheels that give way to a newton in this step as far as they
+    /// stand on these rollers, N s/m.
+    #[inline(always)]
+    fn giving(&self, mut stiffness: Four, lever: Four, share: Four, dt: f64) -> Four {
+        if let Some(inertia) = self.inertia {
+            let gives = lever * lever * dt / (share * inertia);
+            stiffness = stiffness / (Four::ONE + stiffness * gives);
+        }
+        share.where_positive(stiffness, Four::ZERO)
     }
 
     /// Turns the rollers on the floor by what it did to each in a step of `dt`: the next of
@@ -226,15 +241,39 @@ impl Wheels {
         dt: f64,
     ) {
         self.torques = Four::ZERO;
-        let touches = 1 + usize::from(stand.other.is_some());
-        for (which, [along, across]) in pushes.take(touches).enumerate() {
+        let touches = [Some(&stand.first), stand.other.as_ref()];
+        for (which, touch) in touches.into_iter().flatten().enumerate() {
+            let Some(pushes) = pushes.next() else { break };
+            let [along, across] = pushes.each();
             let force = across.force(velocity);
             self.rollers.turn(which, force);
             if self.inertia.is_some() {
-                let torques = along.lever * along.force(velocity) + across.lever * force;
-                self.torques = self.torques + torques;
+                let [ahead, left] = self.levers(touch);
+                self.torques = self.torques + (ahead * along.force(velocity) + left * force);
             }
         }
         self.rollers.pass(dt);
+    }
+}
+
+impl Pushes {
+    /// Along the axle, and across.
+    #[inline(always)]
+    pub fn each(&self) -> [Push; 2] {
+        let ([x, y], limit) = (self.axle, self.limit);
+        [
+            Push {
+                row: [x, y, self.arms[0]],
+                rest: self.rest[0],
+                limit,
+                stiffness: self.stiffness[0],
+            },
+            Push {
+                row: [-y, x, self.arms[1]],
+                rest: self.rest[1],
+                limit,
+                stiffness: self.stiffness[1],
+            },
+        ]
     }
 }
