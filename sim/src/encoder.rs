@@ -65,8 +65,8 @@ pub struct WheelEncoder {
     noise: EncoderNoise,
     random: Random,
     state: EncoderState,
-    /// Something has been done to its wires; until then they are clean.
-    is_disturbed: bool,
+    /// It counts without errors, and nothing has been done to its wires.
+    is_perfect: bool,
     wires: Box<Wires>,
 }
 
@@ -82,7 +82,7 @@ impl WheelEncoder {
             noise,
             random: Random::new(seed),
             state: EncoderState::Works,
-            is_disturbed: false,
+            is_perfect: noise == EncoderNoise::default(),
             // A stream of its own.
             wires: Box::new(Wires::new(Random::new(seed ^ 0x5741_5245_5357_4952))),
         }
@@ -91,36 +91,45 @@ impl WheelEncoder {
     /// Breaks or repairs it.
     pub fn set_state(&mut self, state: EncoderState) {
         self.state = state;
-        self.is_disturbed = true;
+        self.is_perfect = false;
         self.wires.connect(state.sources());
     }
 
     /// Lets noise strike its wires so many times a second; 0 ends it.
     pub fn set_noise(&mut self, hz: f64) {
-        self.is_disturbed = true;
+        self.is_perfect = false;
         self.wires.set_noise(hz);
     }
 
     /// Makes the rising edges of its wires slow: R times C, s; 0 ends it.
     pub fn set_slow_edges(&mut self, rc: f64) {
-        self.is_disturbed = true;
+        self.is_perfect = false;
         self.wires.set_slow_edges(rc);
     }
 
     /// Follows the wheel to an angle (rad, unwrapped) from one time to another, ns; returns the
     /// counts that it reports as a sum, and records the edges that it reports one by one.
-    pub fn follow(
-        &mut self,
-        angle: f64,
-        (from_ns, to_ns): (u64, u64),
-        edges: &mut Vec<Edge>,
-    ) -> i32 {
+    #[inline]
+    pub fn follow(&mut self, angle: f64, span_ns: (u64, u64), edges: &mut Vec<Edge>) -> i32 {
         let from = std::mem::replace(&mut self.position, angle * self.counts_per_rad);
         let before = self.counts;
         self.counts = floor(self.position);
+        if self.is_perfect {
+            return (self.counts - before) as i32;
+        }
+        self.report((before, from), span_ns, edges)
+    }
+
+    /// What it reports with its faults when it has come from this count and position.
+    fn report(
+        &mut self,
+        (before, from): (i64, f64),
+        (from_ns, to_ns): (u64, u64),
+        edges: &mut Vec<Edge>,
+    ) -> i32 {
         let passed = (self.counts - before) as i32;
         let counts = match self.state {
-            _ if self.is_disturbed && !self.wires.are_clean() => {
+            _ if !self.wires.are_clean() => {
                 let to = self.position;
                 self.wires.follow((from_ns, to_ns), (from, to), edges);
                 0

@@ -104,20 +104,37 @@ impl Indexes {
 
     /// Follows a wheel to an angle (rad) in a span of time (ns) while its encoder has come to
     /// another angle: when the last pulse began, if one did.
+    #[inline]
     pub fn follow(
         &mut self,
         wheel: usize,
         angle: f64,
         encoder: f64,
-        (begin_ns, end_ns): (u64, u64),
+        span_ns: (u64, u64),
     ) -> Option<Pulse> {
         let from = std::mem::replace(&mut self.angles[wheel], angle);
-        let at = self.passed(wheel, from, angle)?;
+        // Between two of its pulses, as nearly always.
+        let between = self.between[wheel];
+        if between.0 < angle && angle < between.1 && self.state[wheel] == IndexState::Works {
+            return None;
+        }
+        self.pulse(wheel, (from, angle), encoder, span_ns)
+    }
+
+    /// The last pulse of a wheel that went from one angle to another, if one began.
+    fn pulse(
+        &mut self,
+        wheel: usize,
+        (from, to): (f64, f64),
+        encoder: f64,
+        (begin_ns, end_ns): (u64, u64),
+    ) -> Option<Pulse> {
+        let at = self.passed(wheel, from, to)?;
         // Where the encoder stood then: the two move together while the wheel moves.
         let count = |angle: f64| (angle * self.counts_per_rad).floor() as i64;
-        let share = (angle - at) / (angle - from);
+        let share = (to - at) / (to - from);
         Some(Pulse {
-            counts_ago: (count(encoder) - count(encoder - (angle - at))) as i32,
+            counts_ago: (count(encoder) - count(encoder - (to - at))) as i32,
             at_ns: end_ns - (share * (end_ns - begin_ns) as f64).round() as u64,
         })
     }
@@ -125,11 +142,6 @@ impl Indexes {
     /// The wheel went from one angle to another: where the last pulse began, if one did.
     fn passed(&mut self, wheel: usize, from: f64, to: f64) -> Option<f64> {
         if from == to {
-            return None;
-        }
-        // Between two of its pulses, as nearly always.
-        let between = self.between[wheel];
-        if between.0 < to && to < between.1 && self.state[wheel] == IndexState::Works {
             return None;
         }
         let at = self.at[wheel];

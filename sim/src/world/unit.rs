@@ -253,29 +253,27 @@ impl Unit {
                 .set_current_inputs([offset + sum / scale, 0.0, 0.0]);
         }
         let mut pulses = [None; 4];
-        let counts: [i32; 4] = std::array::from_fn(|wheel| {
-            let angle = self.motors[wheel].angle();
+        let (mut counts, mut rates) = ([0; 4], [0.0; 4]);
+        for (wheel, motor) in self.motors.iter().enumerate() {
+            let angle = motor.angle();
             let play = (angle - self.half_play, angle + self.half_play);
             self.wheels[wheel] = self.wheels[wheel].clamp(play.0, play.1);
             let angle = angle + self.slipped[wheel];
             let turned = self.wheels[wheel] + self.slipped[wheel];
-            if let Some(pulse) = self.indexes.follow(wheel, turned, angle, span) {
-                pulses[wheel] = Some(pulse);
-            }
-            let angle = self.directions.encoders[wheel] * angle;
-            let reported = self.encoders[wheel].follow(angle, span, &mut self.edges);
+            pulses[wheel] = self.indexes.follow(wheel, turned, angle, span);
+            let direction = self.directions.encoders[wheel];
+            rates[wheel] = direction * motor.rate();
+            counts[wheel] = self.encoders[wheel].follow(direction * angle, span, &mut self.edges);
             if self.edges.is_empty() {
-                return reported;
+                continue;
             }
             if self.robot.encoder_edges(wheel, &self.edges) {
                 self.edges.clear();
             }
             let decoder = &mut self.decoders[wheel];
-            reported + self.edges.drain(..).map(|e| decoder.count(&e)).sum::<i32>()
-        });
-        let rates = [0, 1, 2, 3].map(|wheel: usize| self.motors[wheel].rate());
-        let seen = std::array::from_fn(|n| self.directions.encoders[n] * rates[n]);
-        self.robot.set_wheel_rates(seen);
+            counts[wheel] += self.edges.drain(..).map(|e| decoder.count(&e)).sum::<i32>();
+        }
+        self.robot.set_wheel_rates(rates);
         if counts != [0; 4] {
             self.robot.turn_encoders(counts);
         }
