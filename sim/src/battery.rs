@@ -2,9 +2,9 @@
 //! sink current.
 //!
 //! The bridges draw `I = sum(duty i)` and the terminals are at `U = E - R I`. Each motor's current
-//! at the end of a step is `a + b U`, see [`Motor::admittance`]; so `U = (E - R sum(duty a)) / (1 +
-//! R sum(duty b))`, which is stable for any resistance. Motors that brake charge it. The voltage
-//! without load may follow the charge.
+//! at the end of a step is `a + b U`, see [`Motors::admittances`]; so `U = (E - R sum(duty a)) /
+//! (1 + R sum(duty b))`, which is stable for any resistance. Motors that brake charge it. The
+//! voltage without load may follow the charge.
 //!
 //! A bench supply, or a battery whose protection has opened for charging, sources current but does
 //! not sink it. The energy that the motors return then stays in the capacitors at the bridges: `C
@@ -14,7 +14,7 @@
 
 use group::Battery as Parameters;
 
-use crate::motor::{Bridge, Motor};
+use crate::motor::{Bridge, Motors};
 
 const AS_PER_AH: f64 = 3600.0;
 
@@ -57,7 +57,7 @@ impl Supply {
     }
 
     /// Advances the motors by so many steps of `dt` (s) under constant drive.
-    pub fn run(&mut self, motors: &mut [Motor; 4], drives: &[Bridge; 4], steps: u64, dt: f64) {
+    pub fn run(&mut self, motors: &mut Motors, drives: &[Bridge; 4], steps: u64, dt: f64) {
         if self.battery.is_some() || self.capacitance.is_some() {
             for _ in 0..steps {
                 self.step(motors, drives, dt);
@@ -65,18 +65,18 @@ impl Supply {
             return;
         }
         self.volts = None;
-        Motor::run_all(motors, drives, steps, dt);
+        motors.run(drives, steps, dt);
     }
 
-    fn step(&mut self, motors: &mut [Motor; 4], drives: &[Bridge; 4], dt: f64) {
+    fn step(&mut self, motors: &mut Motors, drives: &[Bridge; 4], dt: f64) {
         let (mut still, mut per_volt) = (0.0, 0.0);
-        for (motor, drive) in motors.iter().zip(drives) {
-            let (a, b) = motor.admittance(dt, *drive);
+        let (at_0_v, more) = motors.admittances(dt, drives);
+        for ((a, b), drive) in at_0_v.iter().zip(more).zip(drives) {
             let duty = drive.duty.clamp(-1.0, 1.0);
             still += duty * a;
             per_volt += duty * b;
         }
-        let nominal = motors[0].supply();
+        let nominal = motors.supply();
         let (open, r) = match &self.battery {
             Some(battery) => (battery.open_volts(nominal), battery.parameters.resistance),
             None => (nominal, 0.0),
@@ -88,9 +88,7 @@ impl Supply {
         });
         let volts = stored.map_or(given, |stored| stored.max(given));
         self.volts = Some(volts);
-        for (motor, drive) in motors.iter_mut().zip(drives) {
-            motor.step_on(volts, dt, *drive);
-        }
+        motors.step_on(volts, dt, drives);
         if stored.is_some_and(|stored| stored > given) {
             return;
         }
@@ -188,7 +186,7 @@ mod tests {
     #[test]
     fn stalled_motors_pull_the_voltage_down() {
         for (resistance, expected) in [(0.1, 18.0), (100.0, 24.0 / (1.0 + 1000.0 / 3.0))] {
-            let mut motors = std::array::from_fn(|_| Motor::new(&MOTOR));
+            let mut motors = Motors::new(&MOTOR);
             let held = drive(0.5, 4).map(|d| Bridge {
                 brake_released: false,
                 ..d
@@ -201,7 +199,7 @@ mod tests {
                 volts = battery.volts().unwrap();
             }
             assert!((volts - expected).abs() < 0.02, "{volts} {expected}");
-            assert!(motors.iter().all(|m| m.angle() == 0.0));
+            assert!(motors.angles() == [0.0; 4]);
         }
     }
 
@@ -209,7 +207,7 @@ mod tests {
     /// speed is `U duty / (k + R b / k)`.
     #[test]
     fn a_weak_battery_makes_a_slow_wheel() {
-        let mut motors = std::array::from_fn(|_| Motor::new(&MOTOR));
+        let mut motors = Motors::new(&MOTOR);
         let mut battery = battery(0.5);
         let mut volts = 0.0;
         for _ in 0..60_000 {
@@ -220,9 +218,9 @@ mod tests {
         let open = 20.0 + 8.0 * charge(&battery);
         let rate = open / (k + (r + 0.5) * b / k);
         assert!(
-            (motors[0].rate() / rate - 1.0).abs() < 1e-4,
+            (motors.rates()[0] / rate - 1.0).abs() < 1e-4,
             "{}",
-            motors[0].rate()
+            motors.rates()[0]
         );
         assert!(
             (volts - (open - 0.5 * b * rate / k)).abs() < 1e-3,
@@ -234,7 +232,7 @@ mod tests {
     /// gone. Held wheels draw `duty^2 U / R` each.
     #[test]
     fn charge_runs_down_by_the_current() {
-        let mut motors = std::array::from_fn(|_| Motor::new(&MOTOR));
+        let mut motors = Motors::new(&MOTOR);
         let held = drive(0.25, 4).map(|d| Bridge {
             brake_released: false,
             ..d
@@ -274,20 +272,20 @@ mod tests {
             f64::from(parameters.resistance),
         );
         let (farad, duty) = (0.01, 0.5);
-        let mut motors: [Motor; 4] = std::array::from_fn(|_| Motor::new(&parameters));
+        let mut motors = Motors::new(&parameters);
         // Brought to 20 rad/s by its own supply first.
         let mut bench = Supply::default();
-        while motors[0].rate() < 20.0 {
+        while motors.rates()[0] < 20.0 {
             bench.step(&mut motors, &drive(1.0, 1), 1e-5);
         }
-        let w0 = motors[0].rate();
+        let w0 = motors.rates()[0];
         bench.block_charge(Some(farad));
         let mut heat = 0.0;
         for _ in 0..200_000 {
             bench.step(&mut motors, &drive(duty, 1), 1e-5);
-            heat += r * motors[0].current().powi(2) * 1e-5;
+            heat += r * motors.currents()[0].powi(2) * 1e-5;
         }
-        let (w, volts) = (motors[0].rate(), bench.volts().unwrap());
+        let (w, volts) = (motors.rates()[0], bench.volts().unwrap());
         let conserved = j * w0 / k + farad * 24.0 / duty;
         let expected = conserved / (j * duty / (k * k) + farad / duty);
         assert!((volts / expected - 1.0).abs() < 1e-3, "{volts} {expected}");

@@ -8,7 +8,7 @@
 //! floor, encoder.
 //!
 //! ```text
-//!  master --frames--> bus::Bus <--frames--> robot::Robot --duty--> motor::Motor --.
+//!  master --frames--> bus::Bus <--frames--> robot::Robot --duty--> motor::Motors -.
 //!                                                ^                            angle |
 //!                                                '-- encoder counts --- plant::Plant <'
 //!                                                                  truth: poses <--'
@@ -38,6 +38,7 @@ pub mod encoder;
 pub mod endpoint;
 mod error;
 pub mod fault;
+mod four;
 mod gyro;
 pub mod motor;
 #[cfg(feature = "host")]

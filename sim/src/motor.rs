@@ -1,11 +1,11 @@
-//! A DC motor with its gear, bridge and brake, as seen from the wheel.
+//! The DC motors of a robot with their gears, bridges and brakes, as seen from the wheels.
 //!
 //! `L di/dt = V - R i - K w` and `J dw/dt = K i - b w - dry friction`, with `V = duty * supply`
 //! while the drivers are enabled and no current at all while they are not. All torques, rates and
 //! inertias are the wheel's. The winding is integrated implicitly, because its time constant may be
 //! shorter than a step; dry friction brings the wheel to rest within a step instead of chattering
 //! around zero. The holding brake is applied by springs: dry friction that begins and ends some
-//! time after the command, see [`Brake`].
+//! time after the command, see [`Brake`]. The four motors are alike and are computed side by side.
 //!
 //! First order in the step: with steps of 100 us and a mechanical time constant near 0.2 s the rate
 //! is within 0.05 % of the closed form (tested). Not modelled: bridge dead time, heating, and the
@@ -15,6 +15,8 @@
 //! the motor and the wheel.
 
 use group::Motor as Parameters;
+
+use crate::four::Four;
 
 /// Default torque of the holding brake, N·m at the wheel.
 pub const BRAKE_TORQUE: f64 = 60.0;
@@ -52,39 +54,39 @@ pub struct Bridge {
     pub brake_released: bool,
 }
 
-/// One wheel with its motor.
+/// The wheels of a robot with their motors.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Motor {
+pub struct Motors {
     supply: f64,
     constant: f64,
     resistance: f64,
     inductance: f64,
     inertia: f64,
     friction: f64,
-    drag: f64,
-    push: f64,
-    floor: f64,
-    brake: Brake,
-    /// Whether it holds, and for how long the opposite has been commanded, s.
-    holds: bool,
-    reported: f64,
     viscous: f64,
-    current: f64,
-    rate: f64,
-    angle: f64,
+    brake: Brake,
+    drag: Four,
+    push: Four,
+    floor: Four,
+    /// Whether each brake holds, and for how long the opposite has been commanded, s.
+    holds: [bool; 4],
+    reported: [f64; 4],
+    current: Four,
+    rate: Four,
+    angle: Four,
 }
 
-/// How a step changes a motor: the current that is left of the one before, and what each volt of
+/// How a step changes the motors: the current that is left of the one before, and what each volt of
 /// back-EMF takes and of supply adds, A/V; what each newton metre adds to the rate, rad/s.
 struct Gains {
-    kept: f64,
-    per_emf: f64,
-    per_volt: f64,
+    kept: Four,
+    per_emf: Four,
+    per_volt: Four,
     per_torque: f64,
 }
 
-impl Motor {
-    /// A motor at rest, angle 0.
+impl Motors {
+    /// Motors at rest, angle 0.
     #[must_use]
     pub fn new(parameters: &Parameters) -> Self {
         Self {
@@ -94,103 +96,130 @@ impl Motor {
             inductance: parameters.inductance.into(),
             inertia: parameters.inertia.into(),
             friction: parameters.friction.into(),
-            drag: 0.0,
-            push: 0.0,
-            floor: 0.0,
-            brake: Brake::default(),
-            holds: true,
-            reported: 0.0,
             viscous: parameters.viscous.into(),
-            current: 0.0,
-            rate: 0.0,
-            angle: 0.0,
+            brake: Brake::default(),
+            drag: Four::ZERO,
+            push: Four::ZERO,
+            floor: Four::ZERO,
+            holds: [true; 4],
+            reported: [0.0; 4],
+            current: Four::ZERO,
+            rate: Four::ZERO,
+            angle: Four::ZERO,
         }
     }
 
-    /// Advances by `dt` (s) under constant drive from the nominal supply.
-    pub fn step(&mut self, dt: f64, drive: Bridge) {
-        self.step_on(self.supply, dt, drive);
+    /// Advances by so many steps of `dt` (s) under constant drive from the nominal supply, with
+    /// vectors of four where the processor has them; every operation is IEEE 754's, so the results
+    /// are the same with and without.
+    pub fn run(&mut self, drives: &[Bridge; 4], steps: u64, dt: f64) {
+        #[cfg(target_arch = "x86_64")]
+        if std::arch::is_x86_feature_detected!("avx2") {
+            #[target_feature(enable = "avx2")]
+            fn run_avx2(motors: &mut Motors, drives: &[Bridge; 4], steps: u64, dt: f64) {
+                motors.run_each(drives, steps, dt);
+            }
+            #[expect(unsafe_code, reason = "the processor was asked for the feature")]
+            // SAFETY: the only requirement is that the processor has AVX2, as asked above.
+            unsafe {
+                run_avx2(self, drives, steps, dt);
+            }
+            return;
+        }
+        self.run_each(drives, steps, dt);
     }
 
-    /// Advances four by so many steps each. None has to wait for the others, so the processor
-    /// computes them at the same time.
-    pub fn run_all(motors: &mut [Self; 4], drives: &[Bridge; 4], steps: u64, dt: f64) {
-        let gains: [Gains; 4] = std::array::from_fn(|n| motors[n].gains(dt, drives[n]));
-        for _ in 0..steps {
-            for ((motor, gains), drive) in motors.iter_mut().zip(&gains).zip(drives) {
-                motor.advance(gains, motor.supply, dt, drive.brake_released);
-            }
+    #[inline(always)]
+    fn run_each(&mut self, drives: &[Bridge; 4], steps: u64, dt: f64) {
+        let gains = self.gains(dt, drives);
+        let mut left = steps;
+        while left > 0 && !self.are_brakes_steady(drives) {
+            self.move_brakes(dt, drives);
+            self.advance(&gains, self.supply, dt);
+            left -= 1;
+        }
+        // From now on the brakes stay as they are.
+        if left > 0 {
+            self.reported = [0.0; 4];
+        }
+        for _ in 0..left {
+            self.advance(&gains, self.supply, dt);
         }
     }
 
     /// Advances by `dt` (s) under constant drive from a supply of so many volts.
-    pub fn step_on(&mut self, supply: f64, dt: f64, drive: Bridge) {
-        self.advance(&self.gains(dt, drive), supply, dt, drive.brake_released);
+    pub fn step_on(&mut self, supply: f64, dt: f64, drives: &[Bridge; 4]) {
+        self.move_brakes(dt, drives);
+        self.advance(&self.gains(dt, drives), supply, dt);
     }
 
-    /// What is the same in every step of this length under this drive.
-    fn gains(&self, dt: f64, drive: Bridge) -> Gains {
-        let per_torque = dt / self.inertia;
-        if !drive.enabled {
-            return Gains {
-                kept: 0.0,
-                per_emf: 0.0,
-                per_volt: 0.0,
-                per_torque,
-            };
-        }
+    /// What is the same in every step of this length under these drives.
+    #[inline(always)]
+    fn gains(&self, dt: f64, drives: &[Bridge; 4]) -> Gains {
+        let [a, b, c, d] = drives;
+        let conducts = Four([a, b, c, d].map(|drive| f64::from(drive.enabled)));
+        let duty = Four([a, b, c, d].map(|drive| drive.duty.clamp(-1.0, 1.0)));
         let impedance = self.inductance + dt * self.resistance;
         let per_emf = dt / impedance;
+        let where_on = |gain: Four| conducts.where_positive(gain, Four::ZERO);
         Gains {
-            kept: self.inductance / impedance,
-            per_emf,
-            per_volt: per_emf * drive.duty.clamp(-1.0, 1.0),
-            per_torque,
+            kept: where_on(Four::all(self.inductance / impedance)),
+            per_emf: where_on(Four::all(per_emf)),
+            per_volt: where_on(duty * per_emf),
+            per_torque: dt / self.inertia,
         }
     }
 
-    #[inline]
-    fn advance(&mut self, gains: &Gains, supply: f64, dt: f64, released: bool) {
+    #[inline(always)]
+    fn advance(&mut self, gains: &Gains, supply: f64, dt: f64) {
         self.current = self.current_at_0_v(gains) + gains.per_volt * supply;
-        let torque = self.constant * self.current - self.viscous * self.rate;
+        let torque = self.current * self.constant - self.rate * self.viscous;
         let torque = torque + self.push + self.floor;
-        let brake = self.brake_torque(dt, released);
-        let free = self.rate + gains.per_torque * torque;
-        let held = gains.per_torque * (self.friction + self.drag + brake);
-        let rate = if free > held {
-            free - held
-        } else if free < -held {
-            free + held
-        } else {
-            0.0
-        };
-        self.angle += dt * 0.5 * (self.rate + rate);
+        let free = self.rate + torque * gains.per_torque;
+        let brakes = Four(
+            self.holds
+                .map(|holds| if holds { self.brake.torque } else { 0.0 }),
+        );
+        let held = (Four::all(self.friction) + self.drag + brakes) * gains.per_torque;
+        let backward = (-held - free).where_positive(free + held, Four::ZERO);
+        let rate = (free - held).where_positive(free - held, backward);
+        self.angle = self.angle + (self.rate + rate) * (dt * 0.5);
         self.rate = rate;
     }
 
-    /// The current at the end of a step without supply, A.
-    fn current_at_0_v(&self, gains: &Gains) -> f64 {
+    /// The currents at the end of a step without supply, A.
+    #[inline(always)]
+    fn current_at_0_v(&self, gains: &Gains) -> Four {
         gains.kept * self.current - gains.per_emf * self.constant * self.rate
     }
 
-    /// What the brake holds in this step, N·m.
-    fn brake_torque(&mut self, dt: f64, released: bool) -> f64 {
-        if self.holds == released {
-            let delay = if released {
-                self.brake.release
-            } else {
-                self.brake.engage
-            };
-            // Half a step of tolerance, for `reported` is a sum of steps.
-            if self.reported + 0.5 * dt >= delay {
-                self.holds = !released;
+    /// Whether the brakes are as they are commanded to be, as nearly always.
+    #[inline(always)]
+    fn are_brakes_steady(&self, drives: &[Bridge; 4]) -> bool {
+        self.holds == drives.each_ref().map(|drive| !drive.brake_released)
+    }
+
+    /// What a step of `dt` does to the brakes.
+    fn move_brakes(&mut self, dt: f64, drives: &[Bridge; 4]) {
+        let brakes = self.holds.iter_mut().zip(&mut self.reported);
+        for ((holds, reported), drive) in brakes.zip(drives) {
+            let released = drive.brake_released;
+            if *holds == released {
+                let delay = if released {
+                    self.brake.release
+                } else {
+                    self.brake.engage
+                };
+                // Half a step of tolerance, for `reported` is a sum of steps.
+                if *reported + 0.5 * dt >= delay {
+                    *holds = !released;
+                }
+                *reported += dt;
             }
-            self.reported += dt;
+            if *holds != released {
+                *reported = 0.0;
+            }
         }
-        if self.holds != released {
-            self.reported = 0.0;
-        }
-        if self.holds { self.brake.torque } else { 0.0 }
     }
 
     /// Changes the voltage of the supply, V.
@@ -198,12 +227,12 @@ impl Motor {
         self.supply = volts;
     }
 
-    /// The current at the end of a step of `dt`: what it is at 0 V of supply, A, and what each volt
-    /// of supply adds, A/V.
+    /// The currents at the end of a step of `dt`: what they are at 0 V of supply, A, and what each
+    /// volt of supply adds, A/V.
     #[must_use]
-    pub fn admittance(&self, dt: f64, drive: Bridge) -> (f64, f64) {
-        let gains = self.gains(dt, drive);
-        (self.current_at_0_v(&gains), gains.per_volt)
+    pub fn admittances(&self, dt: f64, drives: &[Bridge; 4]) -> ([f64; 4], [f64; 4]) {
+        let gains = self.gains(dt, drives);
+        (self.current_at_0_v(&gains).0, gains.per_volt.0)
     }
 
     /// Nominal supply voltage, V.
@@ -212,66 +241,70 @@ impl Motor {
         self.supply
     }
 
-    /// Sets the dry friction of whatever is caught in the wheel, N·m at the wheel.
-    pub fn set_drag(&mut self, torque: f64) {
-        self.drag = torque;
+    /// Sets the dry friction of whatever is caught in a wheel, N·m at the wheel.
+    pub fn set_drag(&mut self, wheel: usize, torque: f64) {
+        if let Some(drag) = self.drag.0.get_mut(wheel) {
+            *drag = torque;
+        }
     }
 
-    /// Sets what turns the wheel from outside, N·m at the wheel, positive rolls the base forward: a
+    /// Sets what turns a wheel from outside, N·m at the wheel, positive rolls the base forward: a
     /// slope, a hand.
-    pub fn set_push(&mut self, torque: f64) {
-        self.push = torque;
+    pub fn set_push(&mut self, wheel: usize, torque: f64) {
+        if let Some(push) = self.push.0.get_mut(wheel) {
+            *push = torque;
+        }
     }
 
-    /// Sets what the floor does to the wheel, N·m, positive rolls the base forward.
-    pub fn set_floor(&mut self, torque: f64) {
-        self.floor = torque;
+    /// Sets what the floor does to the wheels, N·m, positive rolls the base forward.
+    pub fn set_floor(&mut self, torques: [f64; 4]) {
+        self.floor = Four(torques);
     }
 
-    /// Changes what turns with the wheel, kg m^2.
+    /// Changes what turns with each wheel, kg m^2.
     pub fn set_inertia(&mut self, inertia: f64) {
         self.inertia = inertia;
     }
 
-    /// Exchanges the holding brake.
+    /// Exchanges the holding brakes.
     pub fn set_brake(&mut self, brake: Brake) {
         self.brake = brake;
     }
 
-    /// The holding brake.
+    /// Each of the holding brakes.
     #[must_use]
     pub fn brake(&self) -> Brake {
         self.brake
     }
 
-    /// Whether the brake actually holds, regardless of the command.
+    /// Whether each brake actually holds, regardless of the command.
     #[must_use]
-    pub fn brake_holds(&self) -> bool {
+    pub fn brakes_hold(&self) -> [bool; 4] {
         self.holds
     }
 
-    /// Wheel rate, rad/s, positive rolls the base forward.
+    /// Wheel rates, rad/s, positive rolls the base forward.
     #[must_use]
-    pub fn rate(&self) -> f64 {
-        self.rate
+    pub fn rates(&self) -> [f64; 4] {
+        self.rate.0
     }
 
-    /// Wheel angle, rad, unwrapped.
+    /// Wheel angles, rad, unwrapped.
     #[must_use]
-    pub fn angle(&self) -> f64 {
-        self.angle
+    pub fn angles(&self) -> [f64; 4] {
+        self.angle.0
     }
 
-    /// What its current does to the wheel, N·m.
+    /// What their currents do to the wheels, N·m.
     #[must_use]
-    pub fn torque(&self) -> f64 {
-        self.constant * self.current
+    pub fn torques(&self) -> [f64; 4] {
+        (self.current * self.constant).0
     }
 
-    /// Winding current, A.
+    /// Winding currents, A.
     #[must_use]
-    pub fn current(&self) -> f64 {
-        self.current
+    pub fn currents(&self) -> [f64; 4] {
+        self.current.0
     }
 }
 
@@ -298,23 +331,21 @@ mod tests {
         }
     }
 
-    fn run(motor: &mut Motor, seconds: f64, drive: Bridge) {
-        for _ in 0..(seconds / STEP).round() as u32 {
-            motor.step(STEP, drive);
-        }
+    fn run(motors: &mut Motors, seconds: f64, drive: Bridge) {
+        motors.run(&[drive; 4], (seconds / STEP).round() as u64, STEP);
     }
 
     /// Without friction and inductance: w = V/K (1 - exp(-t K^2 / (J R))).
     #[test]
     fn step_response_is_the_closed_form() {
-        let mut motor = Motor::new(&MOTOR);
-        run(&mut motor, 0.25, driven(0.5));
+        let mut motors = Motors::new(&MOTOR);
+        run(&mut motors, 0.25, driven(0.5));
         let (k, j, r) = (0.8f32 as f64, 0.4f32 as f64, 0.3f32 as f64);
         let expected = 12.0 / k * (1.0 - (-0.25 * k * k / (j * r)).exp());
         assert!(
-            (motor.rate() / expected - 1.0).abs() < 5e-4,
+            (motors.rates()[0] / expected - 1.0).abs() < 5e-4,
             "{} {expected}",
-            motor.rate()
+            motors.rates()[0]
         );
     }
 
@@ -329,13 +360,13 @@ mod tests {
         };
         let f = parameters.feedforward();
         for rate in [15.0, -4.0] {
-            let mut motor = Motor::new(&parameters);
+            let mut motors = Motors::new(&parameters);
             let duty = f.duty_static * f32::signum(rate) + f.duty_per_rate * rate;
-            run(&mut motor, 4.0, driven(duty.into()));
+            run(&mut motors, 4.0, driven(duty.into()));
             assert!(
-                (motor.rate() - f64::from(rate)).abs() < 1e-4,
+                (motors.rates()[0] - f64::from(rate)).abs() < 1e-4,
                 "{}",
-                motor.rate()
+                motors.rates()[0]
             );
         }
     }
@@ -347,11 +378,11 @@ mod tests {
             friction: 1.0,
             ..MOTOR
         };
-        let mut motor = Motor::new(&parameters);
-        run(&mut motor, 1.0, driven(0.0156));
-        assert_eq!((motor.rate(), motor.angle()), (0.0, 0.0));
-        run(&mut motor, 1.0, driven(0.0157));
-        assert!(motor.rate() > 0.0);
+        let mut motors = Motors::new(&parameters);
+        run(&mut motors, 1.0, driven(0.0156));
+        assert_eq!((motors.rates()[0], motors.angles()[0]), (0.0, 0.0));
+        run(&mut motors, 1.0, driven(0.0157));
+        assert!(motors.rates()[0] > 0.0);
     }
 
     /// Disabled, only friction slows it: 1 N m on 0.4 kg m2 is 2.5 rad/s2.
@@ -361,27 +392,27 @@ mod tests {
             friction: 1.0,
             ..MOTOR
         };
-        let mut motor = Motor::new(&parameters);
-        run(&mut motor, 3.0, driven(0.5));
-        let before = motor.rate();
+        let mut motors = Motors::new(&parameters);
+        run(&mut motors, 3.0, driven(0.5));
+        let before = motors.rates()[0];
         let off = Bridge {
             duty: 1.0,
             enabled: false,
             brake_released: true,
         };
-        run(&mut motor, 1.0, off);
-        assert!((before - motor.rate() - 2.5).abs() < 1e-6);
-        run(&mut motor, 10.0, off);
-        assert_eq!(motor.rate(), 0.0);
+        run(&mut motors, 1.0, off);
+        assert!((before - motors.rates()[0] - 2.5).abs() < 1e-6);
+        run(&mut motors, 10.0, off);
+        assert_eq!(motors.rates()[0], 0.0);
     }
 
     /// The brake holds a wheel that the motor tries to turn at a fifth of its duty:
     /// 4.8 V make 12.8 N m at rest.
     #[test]
     fn the_brake_holds() {
-        let mut motor = Motor::new(&MOTOR);
+        let mut motors = Motors::new(&MOTOR);
         run(
-            &mut motor,
+            &mut motors,
             1.0,
             Bridge {
                 duty: 0.2,
@@ -389,7 +420,7 @@ mod tests {
                 brake_released: false,
             },
         );
-        assert_eq!(motor.angle(), 0.0);
+        assert_eq!(motors.angles()[0], 0.0);
     }
 
     /// 1 s free fall of a wheel on a slope (5 N m on 0.4 kg m^2, 12.5 rad/s^2) before a brake that
@@ -397,45 +428,61 @@ mod tests {
     /// it, 37.5 rad/s^2.
     #[test]
     fn a_brake_takes_its_time() {
-        let mut motor = Motor::new(&MOTOR);
-        motor.set_brake(Brake {
+        let mut motors = Motors::new(&MOTOR);
+        motors.set_brake(Brake {
             torque: 20.0,
             release: 0.05,
             engage: 0.08,
         });
-        motor.set_push(5.0);
+        motors.set_push(0, 5.0);
         let off = |released| Bridge {
             duty: 0.0,
             enabled: false,
             brake_released: released,
         };
         // The release, 50 ms later.
-        run(&mut motor, 0.0501, off(true));
-        assert!(motor.rate() < 0.002, "{}", motor.rate());
-        run(&mut motor, 0.9999, off(true));
-        assert!((motor.rate() - 12.5).abs() < 0.01, "{}", motor.rate());
-        run(&mut motor, 0.08, off(false));
-        assert!((motor.rate() - 13.5).abs() < 0.01, "{}", motor.rate());
-        run(&mut motor, 0.1, off(false));
-        assert!((motor.rate() - 9.75).abs() < 0.02, "{}", motor.rate());
-        run(&mut motor, 0.5, off(false));
-        assert_eq!(motor.rate(), 0.0);
+        run(&mut motors, 0.0501, off(true));
+        assert!(motors.rates()[0] < 0.002, "{}", motors.rates()[0]);
+        run(&mut motors, 0.9999, off(true));
+        assert!(
+            (motors.rates()[0] - 12.5).abs() < 0.01,
+            "{}",
+            motors.rates()[0]
+        );
+        run(&mut motors, 0.08, off(false));
+        assert!(
+            (motors.rates()[0] - 13.5).abs() < 0.01,
+            "{}",
+            motors.rates()[0]
+        );
+        run(&mut motors, 0.1, off(false));
+        assert!(
+            (motors.rates()[0] - 9.75).abs() < 0.02,
+            "{}",
+            motors.rates()[0]
+        );
+        run(&mut motors, 0.5, off(false));
+        assert_eq!(motors.rates()[0], 0.0);
         // Released for a shorter time than it needs, it keeps holding.
-        run(&mut motor, 0.03, off(true));
-        run(&mut motor, 0.03, off(false));
-        run(&mut motor, 0.03, off(true));
-        assert_eq!(motor.rate(), 0.0);
+        run(&mut motors, 0.03, off(true));
+        run(&mut motors, 0.03, off(false));
+        run(&mut motors, 0.03, off(true));
+        assert_eq!(motors.rates()[0], 0.0);
         // More than it holds slips: 30 N m against 20.
-        motor.set_push(30.0);
-        run(&mut motor, 0.1, off(false));
-        assert!((motor.rate() - 2.5).abs() < 0.01, "{}", motor.rate());
+        motors.set_push(0, 30.0);
+        run(&mut motors, 0.1, off(false));
+        assert!(
+            (motors.rates()[0] - 2.5).abs() < 0.01,
+            "{}",
+            motors.rates()[0]
+        );
     }
 
     /// Held by its brake with full voltage: (u - kE w) / R = 24 / 0.3 = 80 A.
     #[test]
     fn a_stalled_motor_draws_its_voltage_over_its_resistance() {
-        let mut motor = Motor::new(&MOTOR);
-        motor.set_brake(Brake {
+        let mut motors = Motors::new(&MOTOR);
+        motors.set_brake(Brake {
             torque: 100.0,
             ..Brake::default()
         });
@@ -443,8 +490,53 @@ mod tests {
             brake_released: false,
             ..driven(1.0)
         };
-        run(&mut motor, 0.1, held);
-        assert!((motor.current() - 80.0).abs() < 1e-4, "{}", motor.current());
-        assert_eq!(motor.rate(), 0.0);
+        run(&mut motors, 0.1, held);
+        assert!(
+            (motors.currents()[0] - 80.0).abs() < 1e-4,
+            "{}",
+            motors.currents()[0]
+        );
+        assert_eq!(motors.rates()[0], 0.0);
+    }
+
+    /// Wheels that drive, coast, are held and are stopped by friction, while brakes are released
+    /// and engage in the middle: many steps at once, with vectors of four where the processor has
+    /// them, are as many single ones without, to the bit.
+    #[test]
+    fn many_steps_at_once_are_as_many_single_ones() {
+        let parameters = Parameters {
+            inductance: 3e-4,
+            friction: 1.0,
+            viscous: 0.02,
+            ..MOTOR
+        };
+        let mut together = Motors::new(&parameters);
+        together.set_brake(Brake {
+            torque: 20.0,
+            release: 0.0101,
+            engage: 0.0203,
+        });
+        together.set_drag(1, 2.0);
+        together.set_push(2, -4.0);
+        together.set_floor([0.3, 0.0, -0.2, 0.1]);
+        let (mut plain, mut single) = (together.clone(), together.clone());
+        let mut stood = false;
+        for turn in 0..200_u32 {
+            let drives = std::array::from_fn(|wheel: usize| Bridge {
+                duty: [0.4, -0.3, 0.02, 1.5][wheel] * if turn % 90 < 60 { 1.0 } else { -0.1 },
+                enabled: wheel != 2 || turn % 70 < 50,
+                brake_released: (turn as usize + 11 * wheel) % 80 < 60,
+            });
+            let steps = u64::from(turn % 9);
+            together.run(&drives, steps, STEP * 10.0);
+            plain.run_each(&drives, steps, STEP * 10.0);
+            for _ in 0..steps {
+                single.step_on(single.supply(), STEP * 10.0, &drives);
+            }
+            let bits = [&together, &plain, &single].map(|motors| format!("{motors:?}"));
+            assert_eq!([&bits[0], &bits[0]], [&bits[1], &bits[2]], "{turn}");
+            stood |= turn > 100 && together.rates().contains(&0.0);
+        }
+        assert!(stood && together.angles().iter().all(|angle| *angle != 0.0));
     }
 }

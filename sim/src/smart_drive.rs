@@ -366,7 +366,7 @@ fn to_frame(frame: &CanFrame) -> Option<Frame> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::motor::Motor;
+    use crate::motor::Motors;
 
     fn robot() -> group::Robot {
         let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../groups/c620.toml");
@@ -375,7 +375,7 @@ mod tests {
     }
 
     /// Wheel 1 gets a current, A, for so many seconds, in steps of 100 us; returns its rate, rad/s.
-    fn rate_after(bus: &mut DriveBus, motor: &mut Motor, current: f64, seconds: f64) -> f64 {
+    fn rate_after(bus: &mut DriveBus, motors: &mut Motors, current: f64, seconds: f64) -> f64 {
         let number = (current / 20.0 * 16_384.0).round() as i16;
         for step in 0..(seconds * 1e4).round() as u64 {
             if step.is_multiple_of(10) {
@@ -383,15 +383,15 @@ mod tests {
                 bus.command(&[a, b, 0, 0, 0, 0, 0, 0]);
             }
             bus.now_ns += 100_000;
-            let [share, ..] = bus.voltages([motor.rate(); 4], motor.supply());
+            let [share, ..] = bus.voltages(motors.rates(), motors.supply());
             let bridge = Bridge {
                 duty: share.unwrap_or(0.0),
                 enabled: share.is_some(),
                 brake_released: true,
             };
-            motor.step(1e-4, bridge);
+            motors.run(&[bridge; 4], 1, 1e-4);
         }
-        motor.rate()
+        motors.rates()[0]
     }
 
     /// `J w' = K i`: 5 A x 0.3 N m/A on 0.035 kg m2 are 42.9 rad/s2. Friction and winding left out.
@@ -402,20 +402,20 @@ mod tests {
         robot.motor.viscous = 0.0;
         robot.motor.inductance = 0.0;
         let mut bus = DriveBus::new(&robot, 0).unwrap();
-        let mut motor = Motor::new(&robot.motor);
-        let rate = rate_after(&mut bus, &mut motor, 5.0, 0.4);
+        let mut motors = Motors::new(&robot.motor);
+        let rate = rate_after(&mut bus, &mut motors, 5.0, 0.4);
         let expected = 0.3 * 5.0 / 0.035 * 0.4;
         assert!((rate / expected - 1.0).abs() < 1e-3, "{rate} {expected}");
         // Whatever the supply is, if it suffices.
-        motor.set_supply(17.0);
-        let faster = rate_after(&mut bus, &mut motor, 5.0, 0.4);
+        motors.set_supply(17.0);
+        let faster = rate_after(&mut bus, &mut motors, 5.0, 0.4);
         assert!(
             (faster / expected - 2.0).abs() < 2e-3,
             "{faster} {expected}"
         );
-        motor.set_supply(24.0);
+        motors.set_supply(24.0);
         // The supply ends it: at 24 V / 0.3 V s/rad nothing is left for a current.
-        let rate = rate_after(&mut bus, &mut motor, 5.0, 4.0);
+        let rate = rate_after(&mut bus, &mut motors, 5.0, 4.0);
         assert!((rate - 80.0).abs() < 0.1, "{rate}");
     }
 

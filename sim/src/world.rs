@@ -503,8 +503,7 @@ impl World {
         }
         let known = self.plant.wheel_inertia();
         for (robot, unit) in self.units.iter().enumerate() {
-            let torques = std::array::from_fn(|wheel| unit.motors[wheel].torque());
-            self.plant.drive(robot, torques);
+            self.plant.drive(robot, unit.motors.torques());
         }
         self.plant.step(dt, &self.turned)?;
         self.plant_at_ns = self.now_ns;
@@ -547,7 +546,7 @@ impl World {
 /// What turns with each wheel, where the plant says so; else the motors know it.
 fn set_inertia(units: &mut [Unit], inertia: Option<f64>) {
     if let Some(inertia) = inertia {
-        let motors = units.iter_mut().flat_map(|unit| &mut unit.motors);
-        motors.for_each(|motor| motor.set_inertia(inertia));
+        let motors = units.iter_mut().map(|unit| &mut unit.motors);
+        motors.for_each(|motors| motors.set_inertia(inertia));
     }
 }

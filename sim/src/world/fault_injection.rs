@@ -217,25 +217,23 @@ impl World {
 
     /// Brakes a wheel with this friction torque, N·m; 0 frees it.
     pub fn set_wheel_drag(&mut self, robot: usize, wheel: usize, torque: f64) {
-        let unit = self.touched(robot);
-        if let Some(motor) = unit.and_then(|unit| unit.motors.get_mut(wheel)) {
-            motor.set_drag(torque);
+        if let Some(unit) = self.touched(robot) {
+            unit.motors.set_drag(wheel, torque);
         }
     }
 
     /// Applies this external torque to a wheel, N·m, positive in the direction that rolls the base
     /// forward; 0 ends it.
     pub fn set_wheel_push(&mut self, robot: usize, wheel: usize, torque: f64) {
-        let unit = self.touched(robot);
-        if let Some(motor) = unit.and_then(|unit| unit.motors.get_mut(wheel)) {
-            motor.set_push(torque);
+        if let Some(unit) = self.touched(robot) {
+            unit.motors.set_push(wheel, torque);
         }
     }
 
     /// Replaces the holding brakes of a robot.
     pub fn set_brake(&mut self, robot: usize, brake: Brake) {
         if let Some(unit) = self.touched(robot) {
-            unit.motors.iter_mut().for_each(|m| m.set_brake(brake));
+            unit.motors.set_brake(brake);
         }
     }
 
@@ -243,7 +241,7 @@ impl World {
     #[must_use]
     pub fn brake(&self, robot: usize) -> Brake {
         let unit = self.units.get(robot);
-        unit.map_or_else(Brake::default, |unit| unit.motors[0].brake())
+        unit.map_or_else(Brake::default, |unit| unit.motors.brake())
     }
 
     /// Makes a robot's motor driver trip when a motor draws more than this current, A: its bridges
@@ -311,9 +309,7 @@ impl World {
     /// Changes the supply of a robot's motors, V, which it may measure.
     pub fn set_supply(&mut self, robot: usize, volts: f64) {
         if let Some(unit) = self.touched(robot) {
-            unit.motors
-                .iter_mut()
-                .for_each(|motor| motor.set_supply(volts));
+            unit.motors.set_supply(volts);
             unit.robot.set_supply(volts);
         }
     }

@@ -8,7 +8,7 @@ use crate::battery::{Battery, Supply};
 use crate::bus::disturb::Share;
 use crate::encoder::wires::{Decoder, Edge};
 use crate::encoder::{EncoderState, WheelEncoder};
-use crate::motor::{Bridge, Motor};
+use crate::motor::{Bridge, Motors};
 use crate::robot::{Robot, Wake};
 use crate::truth::RobotTruth;
 use crate::world::index::{self, Indexes};
@@ -79,7 +79,7 @@ pub(super) struct Unit {
     pub misses_this: bool,
     /// The frame on the wire is its program's, not its babble.
     pub sends_own: bool,
-    pub motors: [Motor; 4],
+    pub motors: Motors,
     pub encoders: [WheelEncoder; 4],
     /// Count the edges for a robot that only takes counts.
     decoders: [Decoder; 4],
@@ -165,7 +165,7 @@ impl Unit {
             alone_ns: 0,
             misses_this: false,
             sends_own: false,
-            motors: std::array::from_fn(|_| Motor::new(&data.motor)),
+            motors: Motors::new(&data.motor),
             encoders: std::array::from_fn(|wheel| {
                 WheelEncoder::new(&data.encoder, simulation.encoder_noise, seed(wheel))
             }),
@@ -245,24 +245,25 @@ impl Unit {
         if let Some(volts) = self.supply.volts() {
             self.robot.set_supply(volts);
         } else if before.is_some() {
-            self.robot.set_supply(self.motors[0].supply());
+            self.robot.set_supply(self.motors.supply());
         }
         if let Some((scale, offset)) = self.current_sensor {
-            let sum: f64 = self.motors.iter().map(Motor::current).sum();
+            let sum: f64 = self.motors.currents().iter().sum();
             self.robot
                 .set_current_inputs([offset + sum / scale, 0.0, 0.0]);
         }
         let mut pulses = [None; 4];
-        let (mut counts, mut rates) = ([0; 4], [0.0; 4]);
-        for (wheel, motor) in self.motors.iter().enumerate() {
-            let angle = motor.angle();
+        let (mut counts, mut rates) = ([0; 4], self.motors.rates());
+        for (wheel, angle) in self.motors.angles().into_iter().enumerate() {
             let play = (angle - self.half_play, angle + self.half_play);
             self.wheels[wheel] = self.wheels[wheel].clamp(play.0, play.1);
             let angle = angle + self.slipped[wheel];
             let turned = self.wheels[wheel] + self.slipped[wheel];
-            pulses[wheel] = self.indexes.follow(wheel, turned, angle, span);
+            if let Some(pulse) = self.indexes.follow(wheel, turned, angle, span) {
+                pulses[wheel] = Some(pulse);
+            }
             let direction = self.directions.encoders[wheel];
-            rates[wheel] = direction * motor.rate();
+            rates[wheel] *= direction;
             counts[wheel] = self.encoders[wheel].follow(direction * angle, span, &mut self.edges);
             if self.edges.is_empty() {
                 continue;
@@ -301,8 +302,8 @@ impl Unit {
                 drive.enabled &= !self.tripped;
             }
             self.supply.run(&mut self.motors, &drives, 1, dt);
-            let over = |motor: &Motor| motor.current().abs() > amperes;
-            if !self.tripped && self.motors.iter().any(over) {
+            let over = |current: &f64| current.abs() > amperes;
+            if !self.tripped && self.motors.currents().iter().any(over) {
                 self.tripped = true;
                 self.robot.set_driver_fault(true);
             }
@@ -330,9 +331,7 @@ impl Unit {
 
     /// Sets the torques of the floor on the wheels, N·m.
     pub fn push_wheels(&mut self, torques: [f64; 4]) {
-        for (motor, torque) in self.motors.iter_mut().zip(torques) {
-            motor.set_floor(torque);
-        }
+        self.motors.set_floor(torques);
     }
 
     /// The plant says where the wheels really are.
@@ -346,11 +345,11 @@ impl Unit {
             node: self.node,
             pose,
             wheel_angles: std::array::from_fn(|n| self.wheels[n] + self.slipped[n]),
-            wheel_rates: WheelRates::from([0, 1, 2, 3].map(|n: usize| self.motors[n].rate())),
+            wheel_rates: WheelRates::from(self.motors.rates()),
             duties: [0, 1, 2, 3].map(|n: usize| on(&self.drives[n])),
-            currents: [0, 1, 2, 3].map(|n: usize| self.motors[n].current()),
-            supply: self.supply.volts().unwrap_or(self.motors[0].supply()),
-            brake_holds: self.motors.iter().any(Motor::brake_holds),
+            currents: self.motors.currents(),
+            supply: self.supply.volts().unwrap_or(self.motors.supply()),
+            brake_holds: self.motors.brakes_hold().contains(&true),
             drivers_enabled: self.drives.iter().any(|d| d.enabled),
             brake_released: self.drives.iter().any(|d| d.brake_released),
         }

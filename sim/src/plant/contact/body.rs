@@ -8,10 +8,10 @@
 use group::{Patch, Payload};
 use kinematics::{Pose, Wheel};
 
-use super::four::Four;
 use super::wheel::{Push, Pushes, Stand, Wheels};
 use super::{Contact, GRAVITY, Part};
 use crate::error::SimError;
+use crate::four::Four;
 
 /// Most Newton steps, and most halvings of one.
 const STEPS: usize = 40;

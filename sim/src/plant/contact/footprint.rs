@@ -7,7 +7,7 @@
 
 use std::f64::consts::TAU;
 
-use super::four::Four;
+use crate::four::Four;
 
 /// The parts of the rims of a robot's wheels that touch the floor.
 #[derive(Debug, Clone, Copy)]

@@ -37,7 +37,6 @@
 
 mod body;
 mod footprint;
-mod four;
 mod roller;
 mod wheel;
 
@@ -50,9 +49,9 @@ use super::Plant;
 use super::formation::Formation;
 use super::table::members;
 use crate::error::SimError;
+use crate::four::Four;
 use crate::random::Random;
 use body::Body;
-use four::Four;
 use wheel::{Stand, Underside};
 
 const GRAVITY: f64 = 9.81;

@@ -12,7 +12,7 @@ use kinematics::Wheel;
 
 use super::Contact;
 use super::footprint::Foot;
-use super::four::Four;
+use crate::four::Four;
 
 /// Thinnest place of a barrel over its thickest: with few rollers a true one would end in a point.
 const THINNEST: f64 = 0.1;

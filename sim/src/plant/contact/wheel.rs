@@ -1,9 +1,9 @@
 //! The wheels of a robot as contacts of a body: where the floor can push it, and how hard.
 
 use super::footprint::{Foot, Footprint};
-use super::four::Four;
 use super::roller::{Barrel, Grip, Rollers};
 use super::{Contact, Part};
+use crate::four::Four;
 
 /// The wheels of a robot as the floor sees them from below. Directions are in the robot's frame.
 #[derive(Debug, Clone)]

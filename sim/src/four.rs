@@ -9,7 +9,7 @@ use std::ops::{Add, Div, Mul, Neg, Sub};
 /// One number for each wheel of a robot: front left, front right, rear left, rear right.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[repr(C, align(32))]
-pub(super) struct Four(pub [f64; 4]);
+pub(crate) struct Four(pub [f64; 4]);
 
 /// Taylor's terms of the sine from `x^3`, and of the cosine from `x^2`: within a sixth of a turn to
 /// either side, what follows is less than 3e-17.
