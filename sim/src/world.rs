@@ -454,8 +454,13 @@ impl World {
 
     /// Turns all wheels up to now.
     fn turn_wheels(&mut self) {
+        // A motor's steps wait for each other, but the processor turns the motors of several robots
+        // at the same time.
         for unit in &mut self.units {
-            unit.turn_to(self.now_ns, self.options.motor_step_ns);
+            unit.turn_motors(self.now_ns, self.options.motor_step_ns);
+        }
+        for unit in &mut self.units {
+            unit.turn_encoders();
         }
     }
 

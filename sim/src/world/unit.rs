@@ -103,8 +103,9 @@ pub(super) struct Unit {
     reported: [f64; 4],
     /// What the plant adds to the wheels' angles: a plant outside may turn wheels itself.
     slipped: [f64; 4],
-    /// Up to when its motors have turned, ns.
+    /// Up to when its motors have turned, and its encoders followed them, ns.
     at_ns: u64,
+    followed_ns: u64,
     /// It only does something at times it knows, and those last said.
     lazy: bool,
     wake: Wake,
@@ -186,6 +187,7 @@ impl Unit {
             reported: [0.0; 4],
             slipped: [0.0; 4],
             at_ns: 0,
+            followed_ns: 0,
         }
     }
 
@@ -229,12 +231,17 @@ impl Unit {
 
     /// Turns the wheels up to a time, in steps of at most `step_ns`, and the encoders with them.
     pub fn turn_to(&mut self, now_ns: u64, step_ns: u64) {
-        let steps = (now_ns - self.at_ns).div_ceil(step_ns.max(1));
-        if steps == 0 {
+        self.turn_motors(now_ns, step_ns);
+        self.turn_encoders();
+    }
+
+    /// Turns the motors alone up to a time.
+    pub fn turn_motors(&mut self, now_ns: u64, step_ns: u64) {
+        if now_ns == self.at_ns {
             return;
         }
+        let steps = (now_ns - self.at_ns).div_ceil(step_ns.max(1));
         let dt = (now_ns - self.at_ns) as f64 * 1e-9;
-        let span = (self.at_ns, now_ns);
         self.at_ns = now_ns;
         let step = dt / steps as f64;
         let before = self.supply.volts();
@@ -251,6 +258,17 @@ impl Unit {
             let sum: f64 = self.motors.currents().iter().sum();
             self.robot
                 .set_current_inputs([offset + sum / scale, 0.0, 0.0]);
+        }
+    }
+
+    /// Lets the encoders and the indexes follow the motors to where these are.
+    pub fn turn_encoders(&mut self) {
+        let span = (
+            std::mem::replace(&mut self.followed_ns, self.at_ns),
+            self.at_ns,
+        );
+        if span.0 == span.1 {
+            return;
         }
         let mut pulses = [None; 4];
         let (mut counts, mut rates) = ([0; 4], self.motors.rates());
