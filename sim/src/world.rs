@@ -90,7 +90,8 @@ pub struct World {
     units: Vec<Unit>,
     /// The places of those that have something to do in this step.
     due: Vec<usize>,
-    /// No robot has a connector pulled, a cable broken before it, or frames that are delayed.
+    /// No robot has a connector pulled, a cable broken before it, or frames that are delayed; false
+    /// after every change of these, until the nodes are looked at.
     all_connected: bool,
     plant: Box<dyn Plant>,
     plant_at_ns: u64,

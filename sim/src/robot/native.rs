@@ -151,6 +151,7 @@ struct Live {
     schedule: TickSchedule,
     sync: Option<Micros>,
     outputs: Outputs,
+    /// Frames to send, the first one first.
     mailboxes: Vec<Frame>,
     sending: Option<Frame>,
     errors: Confinement,
@@ -372,7 +373,10 @@ impl NativeRobot {
             let Some(frame) = self.live.bus.pop_frame() else {
                 break;
             };
-            self.live.mailboxes.push(frame);
+            let mailboxes = &mut self.live.mailboxes;
+            // Of two frames with one identifier the older goes first.
+            let place = mailboxes.partition_point(|other| other.id() <= frame.id());
+            mailboxes.insert(place, frame);
         }
         self.update();
         while let Some(event) = self.live.bus.pop_event() {
@@ -400,12 +404,7 @@ impl NativeRobot {
     }
 
     fn first(&self) -> Option<Frame> {
-        // Stable: of two frames with one identifier the older goes first.
-        self.live
-            .mailboxes
-            .iter()
-            .min_by_key(|frame| frame.id())
-            .copied()
+        self.live.mailboxes.first().copied()
     }
 }
 

@@ -86,6 +86,7 @@ impl World {
     /// Plugs or pulls the CAN connector of a robot.
     pub fn set_connected(&mut self, robot: usize, connected: bool) {
         let now_ns = self.now_ns;
+        self.all_connected = false;
         if let Some(unit) = self.touched(robot) {
             unit.connected = connected;
             unit.alone_ns = now_ns;
@@ -99,6 +100,7 @@ impl World {
     /// the other robots and the ports another. `None` repairs it. A frame on the wire meanwhile is
     /// lost, with an error frame.
     pub fn set_partition(&mut self, first: Option<usize>) {
+        self.all_connected = false;
         for (place, unit) in self.units.iter_mut().enumerate() {
             unit.far = first.is_some_and(|first| place >= first);
         }
@@ -144,6 +146,7 @@ impl World {
 
     /// Delays all frames that a robot sends, ns.
     pub fn set_delay(&mut self, robot: usize, delay_ns: u64) {
+        self.all_connected = false;
         if let Some(unit) = self.units.get_mut(robot) {
             unit.injected.delay_ns = delay_ns;
             unit.held = None;

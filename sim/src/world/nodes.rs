@@ -22,12 +22,14 @@ impl World {
                 port.errors.recovered();
             }
         }
-        self.all_connected = true;
-        for unit in &mut self.units {
-            let is_late = unit.injected.delay_ns > 0 || unit.held.is_some();
-            if is_late || unit.far || !unit.connected {
-                self.all_connected = false;
-                unit.look(now_ns);
+        if !self.all_connected {
+            self.all_connected = true;
+            for unit in &mut self.units {
+                let is_late = unit.injected.delay_ns > 0 || unit.held.is_some();
+                if is_late || unit.far || !unit.connected {
+                    self.all_connected = false;
+                    unit.look(now_ns);
+                }
             }
         }
         self.suspended.retain(|(_, until)| *until > now_ns);

@@ -30,6 +30,8 @@ pub(super) struct Body {
     /// In this step: for each robot what its first rollers can do, and its second where it stands
     /// on such.
     pushes: Vec<Pushes>,
+    /// How many of them.
+    touches: usize,
     friction: f64,
     floor: Vec<Patch>,
     /// The centre of mass in the frame the members' places are given in.
@@ -79,7 +81,8 @@ impl Body {
         }
         share_load(&mut robots, mass * GRAVITY)?;
         Ok(Self {
-            pushes: Vec::with_capacity(2 * robots.len()),
+            pushes: vec![Pushes::NONE; 2 * robots.len()],
+            touches: 0,
             robots,
             inertia: [mass, mass, inertia],
             pose: frame.compose(Pose::new(centre.0, centre.1, 0.0)),
@@ -130,7 +133,8 @@ impl Body {
     pub fn begin(&mut self, dt: f64, stands: &[Stand], turned: &[[f64; 4]]) {
         let (sin, cos) = libm::sincos(self.pose.heading + 0.5 * dt * self.velocity[2]);
         let per_dt = 1.0 / dt;
-        self.pushes.clear();
+        let most = self.pushes.len();
+        let mut pushes = self.pushes.iter_mut();
         for wheels in &mut self.robots {
             let friction = if self.floor.is_empty() {
                 Four::all(self.friction)
@@ -143,15 +147,16 @@ impl Body {
             };
             let rates = Four(turned[wheels.robot]) * per_dt;
             let stand = &stands[wheels.robot];
-            wheels.stand(stand, rates, friction, dt, &mut self.pushes);
+            wheels.stand(stand, rates, friction, dt, &mut pushes);
         }
+        self.touches = most - pushes.len();
         let [vx, vy, omega] = self.velocity;
         let before = [cos * vx + sin * vy, cos * vy - sin * vx, omega];
         self.step = Step {
             direction: (sin, cos),
             inertia: self.inertia.map(|m| m * per_dt),
             before,
-            derivatives: Derivatives::of(&self.pushes, before),
+            derivatives: Derivatives::of(&self.pushes[..self.touches], before),
             after: before,
         };
     }
@@ -176,10 +181,11 @@ impl Body {
             mut after,
             ..
         } = self.step;
-        if !all_as_limited(&self.pushes, before, after) {
-            after = settle(&self.pushes, inertia, before);
+        let pushes = &self.pushes[..self.touches];
+        if !all_as_limited(pushes, before, after) {
+            after = settle(pushes, inertia, before);
         }
-        let mut pushes = self.pushes.iter();
+        let mut pushes = pushes.iter();
         for wheels in &mut self.robots {
             wheels.turn_rollers(&stands[wheels.robot], &mut pushes, after, dt);
         }

@@ -196,9 +196,11 @@ impl ContactPlant {
             .rigid
             .then(|| Body::new(&contact, &parts, payload, floor, start));
         let undersides = parts.iter().map(|part| Underside::new(&contact, part));
+        let undersides: Vec<_> = undersides.collect();
+        let stands = undersides.iter().map(|robot| robot.stand(Four::ZERO));
         Ok(Self {
-            undersides: undersides.collect(),
-            stands: Vec::with_capacity(parts.len()),
+            stands: stands.collect(),
+            undersides,
             wheel_inertia: contact.wheel_inertia,
             single: single.collect::<Result<_, _>>()?,
             joined: joined.transpose()?,
@@ -251,11 +253,12 @@ impl ContactPlant {
 
     #[inline(always)]
     fn turn_wheels(&mut self, dt: f64, turned: &[[f64; 4]]) {
-        self.stands.clear();
-        for (robot, underside) in self.undersides.iter().enumerate() {
-            let (before, turned) = (Four(self.angles[robot]), Four(turned[robot]));
-            self.angles[robot] = (before + turned).0;
-            self.stands.push(underside.stand(before + turned * 0.5));
+        let robots = self.undersides.iter().zip(&mut self.stands);
+        for ((underside, stand), (angles, turned)) in robots.zip(self.angles.iter_mut().zip(turned))
+        {
+            let (before, turned) = (Four(*angles), Four(*turned));
+            *angles = (before + turned).0;
+            *stand = underside.stand(before + turned * 0.5);
         }
         // Bodies take each part of the step together: within a body one waits for the other, but
         // the processor computes several bodies at the same time.

@@ -162,21 +162,25 @@ impl Wheels {
         }
     }
 
-    /// Stands on these rollers with wheels that turn at `rates`, and adds to `pushes` what the
-    /// floor can do to them in the next `dt`.
+    /// Stands on these rollers with wheels that turn at `rates`, and puts into the next of `pushes`
+    /// what the floor can do to them in the next `dt`.
     #[inline(always)]
-    pub fn stand(
+    pub fn stand<'a>(
         &mut self,
         stand: &Stand,
         rates: Four,
         friction: Four,
         dt: f64,
-        pushes: &mut Vec<Pushes>,
+        pushes: &mut impl Iterator<Item = &'a mut Pushes>,
     ) {
         self.rollers.stand_on(stand.down, self.load * self.damping);
-        pushes.push(self.pushes(0, &stand.first, rates, friction, dt));
-        if let Some(other) = &stand.other {
-            pushes.push(self.pushes(1, other, rates, friction, dt));
+        if let Some(pushes) = pushes.next() {
+            *pushes = self.pushes(0, &stand.first, rates, friction, dt);
+        }
+        if let Some(other) = &stand.other
+            && let Some(pushes) = pushes.next()
+        {
+            *pushes = self.pushes(1, other, rates, friction, dt);
         }
     }
 
@@ -257,6 +261,14 @@ impl Wheels {
 }
 
 impl Pushes {
+    pub const NONE: Self = Self {
+        axle: [Four::ZERO; 2],
+        arms: [Four::ZERO; 2],
+        rest: [Four::ZERO; 2],
+        limit: Four::ZERO,
+        stiffness: [Four::ZERO; 2],
+    };
+
     /// Along the axle, and across.
     #[inline(always)]
     pub fn each(&self) -> [Push; 2] {
