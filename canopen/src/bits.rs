@@ -32,9 +32,12 @@ pub fn frame_bits(frame: &Frame) -> u32 {
 /// A frame as it is on the wire.
 #[derive(Debug, Clone, Copy)]
 pub struct Wire {
-    /// Bits from the start to the end of the CRC, the first one highest of those that count.
-    levels: u128,
-    stuffed: u32,
+    /// Bits from the start to the end of the CRC without stuff bits, the first one highest.
+    bits: u128,
+    /// How many.
+    count: u32,
+    /// Those that a stuff bit follows.
+    stuffed: u128,
 }
 
 impl Wire {
@@ -57,44 +60,42 @@ impl Wire {
 
     /// The lowest `count` of these bits, at most 98, with stuff bits.
     fn stuffed_from(bits: u128, count: u32) -> Self {
-        let mut wire = Self {
-            levels: 0,
-            stuffed: 0,
-        };
-        // What is left, its first bit the highest.
-        let (mut rest, mut left) = (bits << (u128::BITS - count), count);
+        let bits = bits << (u128::BITS - count);
+        // Where so many equal bits begin.
+        let two = !(bits ^ bits << 1);
+        let four = two & two << 1 & two << 2;
+        let five = four & four << 1;
+        // Where a bit is the opposite of the one before: a stuff bit between them is like it.
+        let changes = !two >> 1;
+        let (mut stuffed, mut after) = (0, 0);
         loop {
-            let same = !(rest ^ rest << 1);
-            let five = same & same << 1 & same << 2 & same << 3;
-            let length = five.leading_zeros() + 5;
-            if length > left {
-                wire.put(rest, left);
-                return wire;
+            let joins = after > 0 && (changes & four) << after >> (u128::BITS - 1) == 1;
+            after += if joins {
+                4
+            } else {
+                (five << after).leading_zeros() + 5
+            };
+            if after > count {
+                return Self {
+                    bits,
+                    count,
+                    stuffed,
+                };
             }
-            wire.put(rest, length);
-            // The stuff bit is the first of those that count for what follows.
-            let last = rest << (length - 1) >> (u128::BITS - 1);
-            rest = (last ^ 1) << (u128::BITS - 1) | rest << length >> 1;
-            left -= length - 1;
+            stuffed |= 1 << (u128::BITS - after);
         }
-    }
-
-    /// Appends the highest `count` of these bits, at least one.
-    fn put(&mut self, bits: u128, count: u32) {
-        self.levels = self.levels << count | bits >> (u128::BITS - count);
-        self.stuffed += count;
     }
 
     /// Bits up to the end of the CRC, stuffing included: at most 122.
     #[must_use]
     pub fn stuffed(&self) -> u32 {
-        self.stuffed
+        self.count + self.stuffed.count_ones()
     }
 
     /// Bits up to the end of the end-of-frame field.
     #[must_use]
     pub fn bits(&self) -> u32 {
-        self.stuffed + TAIL
+        self.stuffed() + TAIL
     }
 
     /// Bits up to the end of the error delimiter when bit `n`, counted from 0, is inverted.
@@ -124,14 +125,27 @@ impl Wire {
     /// follows is recessive.
     #[must_use]
     pub fn level(&self, n: u32) -> bool {
-        let from_end = self.stuffed.checked_sub(n + 1);
-        from_end.is_none_or(|place| self.levels >> place & 1 == 1)
+        let bit = |place: u32| self.bits << place >> (u128::BITS - 1) == 1;
+        // Stuff bits move the rest on by one each.
+        let (mut place, mut left) = (n, self.stuffed);
+        while left != 0 {
+            let before = left.leading_zeros();
+            if place <= before {
+                break;
+            }
+            if place == before + 1 {
+                return !bit(before);
+            }
+            place -= 1;
+            left &= !(1 << (u128::BITS - 1 - before));
+        }
+        place >= self.count || bit(place)
     }
 
     /// The first bit in which two frames with one identifier differ; `None` when they are the same.
     #[must_use]
     pub fn first_difference(&self, other: &Self) -> Option<u32> {
-        (0..self.stuffed.max(other.stuffed)).find(|n| self.level(*n) != other.level(*n))
+        (0..self.stuffed().max(other.stuffed())).find(|n| self.level(*n) != other.level(*n))
     }
 
     /// Bits up to the end of the error delimiter when the acknowledge is missing and the sender's
@@ -139,7 +153,7 @@ impl Wire {
     /// wrong.
     #[must_use]
     pub fn bits_when_unacknowledged(&self) -> u32 {
-        let acknowledge = self.stuffed + 2;
+        let acknowledge = self.stuffed() + 2;
         acknowledge + 1 + FLAG + ERROR_DELIMITER
     }
 
@@ -148,7 +162,7 @@ impl Wire {
     /// wrong.
     #[must_use]
     pub fn bits_when_refused(&self) -> u32 {
-        let delimiter = self.stuffed + 3;
+        let delimiter = self.stuffed() + 3;
         delimiter + 1 + FLAG + ERROR_DELIMITER
     }
 }
