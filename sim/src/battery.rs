@@ -57,6 +57,7 @@ impl Supply {
     }
 
     /// Advances the motors by so many steps of `dt` (s) under constant drive.
+    #[inline]
     pub fn run(&mut self, motors: &mut Motors, drives: &[Bridge; 4], steps: u64, dt: f64) {
         if self.battery.is_some() || self.capacitance.is_some() {
             for _ in 0..steps {

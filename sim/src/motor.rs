@@ -112,6 +112,7 @@ impl Motors {
     /// Advances by so many steps of `dt` (s) under constant drive from the nominal supply, with
     /// vectors of four where the processor has them; every operation is IEEE 754's, so the results
     /// are the same with and without.
+    #[inline]
     pub fn run(&mut self, drives: &[Bridge; 4], steps: u64, dt: f64) {
         #[cfg(target_arch = "x86_64")]
         if std::arch::is_x86_feature_detected!("avx2") {

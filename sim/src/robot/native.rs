@@ -279,6 +279,7 @@ impl NativeRobot {
     }
 
     /// Passes the error counters to the program, as the firmware reads them from its controller.
+    #[inline]
     fn report_errors(&mut self, last: u8) {
         let ErrorCounters { transmit, receive } = self.live.errors.counters();
         let byte = |count: u32| u8::try_from(count).unwrap_or(u8::MAX);
