@@ -55,6 +55,10 @@ use body::Body;
 use wheel::{Stand, Underside};
 
 const GRAVITY: f64 = 9.81;
+/// Bodies that take each part of a step together. Within a body one part waits for the other, but
+/// the processor computes several bodies at the same time; what more of them leave behind in one
+/// part would no longer be in its cache in the next.
+const AT_ONCE: usize = 4;
 
 /// A robot as part of a body.
 #[derive(Debug, Clone, Copy)]
@@ -260,16 +264,17 @@ impl ContactPlant {
             *angles = (before + turned).0;
             *stand = underside.stand(before + turned * 0.5);
         }
-        // Bodies take each part of the step together: within a body one waits for the other, but
-        // the processor computes several bodies at the same time.
-        for body in self.joined.iter_mut().chain(&mut self.single) {
-            body.begin(dt, &self.stands, turned);
-        }
-        for body in self.joined.iter_mut().chain(&mut self.single) {
-            body.approach();
-        }
-        for body in self.joined.iter_mut().chain(&mut self.single) {
-            body.finish(dt, &self.stands);
+        let bodies = self.joined.as_mut_slice().chunks_mut(AT_ONCE);
+        for bodies in bodies.chain(self.single.chunks_mut(AT_ONCE)) {
+            for body in &mut *bodies {
+                body.begin(dt, &self.stands, turned);
+            }
+            for body in &mut *bodies {
+                body.approach();
+            }
+            for body in &mut *bodies {
+                body.finish(dt, &self.stands);
+            }
         }
     }
 }
