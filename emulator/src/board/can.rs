@@ -3,32 +3,30 @@
 use super::Board;
 use crate::can::port::Which;
 use crate::can::{Can, CanFrame};
+use crate::soc::Soc;
 use crate::trace::Change;
+
+/// A controller, brought to the present.
+fn present(soc: &mut Soc, which: Which) -> &mut Can {
+    let can = match which {
+        Which::First => &mut soc.can,
+        Which::Second => &mut soc.can2,
+    };
+    can.sync(soc.now);
+    can
+}
 
 impl Board {
     /// What a controller is like now. Interrupt lines and the next event are as they were: it is
     /// brought to the present by events, too, which come first.
     pub(crate) fn see_can<T>(&self, which: Which, f: impl FnOnce(&Can) -> T) -> T {
-        self.shared.look(|soc| {
-            let now = soc.now;
-            let can = match which {
-                Which::First => &mut soc.can,
-                Which::Second => &mut soc.can2,
-            };
-            can.sync(now);
-            f(can)
-        })
+        self.shared.look(|soc| f(present(soc, which)))
     }
 
     pub(crate) fn with_can<T>(&self, which: Which, f: impl FnOnce(&mut Can, u64) -> T) -> T {
         self.shared.with(|soc| {
             let now = soc.now;
-            let can = match which {
-                Which::First => &mut soc.can,
-                Which::Second => &mut soc.can2,
-            };
-            can.sync(now);
-            let result = f(can, now);
+            let result = f(present(soc, which), now);
             soc.settle();
             result
         })

@@ -366,43 +366,9 @@ mod tests {
         )
     }
 
-    /// The pins of one chip are not the other's: CAN1 at PD0 and PD1, PWM at PE9.
-    #[test]
-    fn a_chip_has_its_own_pins() {
-        for (chip, has) in [(&F446, false), (&F407, true)] {
-            let mut soc = soc(chip);
-            soc.system_reset(0);
-            for (address, value) in [
-                (0x4002_3830, 0x18),    // GPIOD, GPIOE
-                (0x4002_3840, 1 << 25), // CAN1
-                (0x4002_3844, 1),       // TIM1
-                (0x4002_0C00, 0xA),     // PD0 and PD1
-                (0x4002_0C20, 0x99),    // are CAN1's
-                (0x4002_1000, 2 << 18), // PE9
-                (0x4002_1024, 1 << 4),  // is TIM1's
-                (0x4001_002C, 99),      // ARR
-                (0x4001_0034, 25),      // CCR1
-                (0x4001_0018, 0x60),    // PWM mode 1
-                (0x4001_0020, 1),
-                (0x4001_0044, 0x8000),
-                (0x4001_0000, 1),
-            ] {
-                soc.write(address, 4, value);
-            }
-            assert_eq!(soc.stop, None, "{chip:?}");
-            assert_eq!(soc.can_connected(Which::First), has, "{chip:?}");
-            assert_eq!(soc.pwm(1, 1).active, has, "{chip:?}");
-        }
-    }
-
-    /// What ends an output without its timer's counting, and begins it again.
-    #[test]
-    fn a_record_has_what_ends_an_output() {
-        let mut soc = soc(&F407);
-        soc.system_reset(0);
-        soc.trace = Some(Box::default());
+    /// A PWM of a quarter at PE9, whose port has its clock.
+    fn begin_pwm(soc: &mut Soc) {
         for (address, value) in [
-            (0x4002_3830, 0x10),    // GPIOE
             (0x4002_3844, 1),       // TIM1
             (0x4002_1000, 2 << 18), // PE9
             (0x4002_1024, 1 << 4),  // is TIM1's
@@ -415,6 +381,37 @@ mod tests {
         ] {
             soc.write(address, 4, value);
         }
+    }
+
+    /// The pins of one chip are not the other's: CAN1 at PD0 and PD1, PWM at PE9.
+    #[test]
+    fn a_chip_has_its_own_pins() {
+        for (chip, has) in [(&F446, false), (&F407, true)] {
+            let mut soc = soc(chip);
+            soc.system_reset(0);
+            for (address, value) in [
+                (0x4002_3830, 0x18),    // GPIOD, GPIOE
+                (0x4002_3840, 1 << 25), // CAN1
+                (0x4002_0C00, 0xA),     // PD0 and PD1
+                (0x4002_0C20, 0x99),    // are CAN1's
+            ] {
+                soc.write(address, 4, value);
+            }
+            begin_pwm(&mut soc);
+            assert_eq!(soc.stop, None, "{chip:?}");
+            assert_eq!(soc.can_connected(Which::First), has, "{chip:?}");
+            assert_eq!(soc.pwm(1, 1).active, has, "{chip:?}");
+        }
+    }
+
+    /// What ends an output without its timer's counting, and begins it again.
+    #[test]
+    fn a_record_has_what_ends_an_output() {
+        let mut soc = soc(&F407);
+        soc.system_reset(0);
+        soc.trace = Some(Box::default());
+        soc.write(0x4002_3830, 4, 0x10); // GPIOE
+        begin_pwm(&mut soc);
         for (what, address, off, on) in [
             ("pin", 0x4002_1000, 0, 2 << 18),
             ("function of the pin", 0x4002_1024, 2 << 4, 1 << 4),
