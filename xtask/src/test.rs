@@ -9,10 +9,11 @@ use crate::programs::{self, Program};
 use crate::{cargo, firmware};
 
 /// The libraries whose own tests are run once more as a kit has them: in fixed point, and without
-/// updates.
-const KIT_LIBRARIES: [&str; 6] = [
+/// updates. With the libraries that have been compiled for the others.
+const KIT_LIBRARIES: [&str; 7] = [
     "--package=omnibus-control",
     "--package=omnibus-robot",
+    "--package=xtask-features",
     "--no-default-features",
     "--features",
     "omnibus-robot/fixed-point",

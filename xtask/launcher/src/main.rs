@@ -78,7 +78,7 @@ fn tasks(root: &Path, target: &Path, arguments: &[String]) -> std::io::Result<Ex
     }
     if !tested {
         return build
-            .args(["--package", "xtask", "--"])
+            .args(["--package", "xtask", "--features", "elf", "--"])
             .args(arguments)
             .status();
     }
