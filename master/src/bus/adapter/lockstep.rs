@@ -7,7 +7,8 @@
 use std::collections::VecDeque;
 use std::io::{self, BufRead as _, BufReader, BufWriter, Write as _};
 use std::net::{TcpStream, ToSocketAddrs as _};
-use std::time::Duration;
+use std::thread;
+use std::time::{Duration, Instant};
 
 use can_text::slcan::{self, Answer};
 use canopen::{Frame, Micros};
@@ -18,6 +19,8 @@ use crate::bus::link::{Link, LinkError};
 const GREETING: &str = "omnibus-lockstep 1";
 /// How long connecting and greeting may take.
 const PATIENCE: Duration = Duration::from_secs(3);
+/// How long to look for an answer before sleeping.
+const SOON: Duration = Duration::from_micros(50);
 
 /// A connection to the simulator.
 pub struct LockstepLink {
@@ -54,7 +57,25 @@ pub(super) fn open(bus: String, address: &str) -> io::Result<LockstepLink> {
 }
 
 impl LockstepLink {
+    /// Looks for an answer, which mostly takes microseconds, before it is waited for: a core that
+    /// has gone to sleep takes longer to wake up.
+    fn look(&self) -> io::Result<()> {
+        let stream = self.input.get_ref();
+        stream.set_nonblocking(true)?;
+        let began = Instant::now();
+        while began.elapsed() < SOON {
+            match stream.peek(&mut [0]) {
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => thread::yield_now(),
+                _ => break,
+            }
+        }
+        stream.set_nonblocking(false)
+    }
+
     fn line(&mut self) -> io::Result<String> {
+        if self.input.buffer().is_empty() {
+            self.look()?;
+        }
         let mut text = String::new();
         if self.input.read_line(&mut text)? == 0 {
             return Err(io::Error::other("the simulator closed the connection"));
