@@ -23,7 +23,7 @@ const CALLS_TO_EIGHT: u64 = 40;
 const BUDGET: [f64; 2] = [9_000.0, 14_000.0];
 /// Time to move, and to stand again, ms.
 const MOVES_MS: u64 = 60;
-const STANDS_MS: u64 = 400;
+const STANDS_MS: u64 = 150;
 
 /// Calls on the bus and measures.
 pub fn figures(group: &GroupFile, firmware: &Firmware) -> anyhow::Result<Vec<Figure>> {
