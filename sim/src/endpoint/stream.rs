@@ -1,6 +1,7 @@
 //! What endpoints over streams of bytes have in common: non-blocking reading and writing with a
 //! limit.
 
+use std::cell::Cell;
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::time::{Duration, Instant};
@@ -174,6 +175,8 @@ pub struct Server<C> {
     clients: Vec<(Pipe<TcpStream>, C)>,
     /// Ports of clients that have gone.
     spare: Vec<Port>,
+    /// Whether nothing came in the last wait.
+    is_idle: Cell<bool>,
 }
 
 impl<C> Server<C> {
@@ -186,6 +189,7 @@ impl<C> Server<C> {
             listener: Listener::bind(address)?,
             clients: Vec::new(),
             spare: Vec::new(),
+            is_idle: Cell::new(true),
         })
     }
 }
@@ -241,13 +245,14 @@ impl<C: Client> Endpoint for Server<C> {
         // to sleep takes longer to wake up.
         let now = Timespec::default();
         let began = Instant::now();
-        while began.elapsed() < SOON {
+        while !self.is_idle.get() && began.elapsed() < SOON {
             if poll(&mut all, Some(&now)) != Ok(0) {
                 return;
             }
             std::thread::yield_now();
         }
         // Interrupted by a signal, it has waited long enough.
-        let _ = poll(&mut all, Timespec::try_from(most).ok().as_ref());
+        let came = poll(&mut all, Timespec::try_from(most).ok().as_ref());
+        self.is_idle.set(came == Ok(0));
     }
 }
