@@ -61,8 +61,8 @@ fn start_firmware(root: &Path) -> Option<Child> {
 }
 
 /// The tasks' own build and start. Where everything else is built next, they are built as a part of
-/// that: alone, they would have fewer features of the libraries they share, and these would be
-/// built twice.
+/// that: alone, they would have fewer features of the tool's library, and this would be built
+/// twice.
 fn tasks(root: &Path, target: &Path, arguments: &[String]) -> std::io::Result<ExitStatus> {
     let program = target
         .join("debug")
