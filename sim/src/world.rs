@@ -8,7 +8,8 @@
 //! the plant and the bus are processed. A robot that wakes therefore reads the encoders of that
 //! time, and its changes act from the end of the step on, at most one quantum later than in
 //! reality. Native robots sleep between their own events. They read wheels and change bridges only
-//! at these events, so their motors are only stepped up to those times and to the plant's steps.
+//! at these events, so their motors are only stepped up to those times and to the plant's steps,
+//! and their encoders follow only then, unless something is wrong with one.
 //!
 //! Robots may run in parallel within a step; everything else runs in one thread in a fixed order.
 //! The same group, backend and calls therefore give the same bytes on any number of threads;
@@ -461,7 +462,7 @@ impl World {
             unit.turn_motors(self.now_ns, self.options.motor_step_ns);
         }
         for unit in &mut self.units {
-            unit.turn_encoders();
+            unit.turn_wheels();
         }
     }
 

@@ -189,7 +189,7 @@ impl World {
     /// Breaks or repairs an encoder.
     pub fn set_encoder(&mut self, robot: usize, wheel: usize, state: EncoderState) {
         let unit = self.touched(robot);
-        if let Some(encoder) = unit.and_then(|unit| unit.encoders.get_mut(wheel)) {
+        if let Some(encoder) = unit.and_then(|unit| unit.encoder_mut(wheel)) {
             encoder.set_state(state);
         }
     }
@@ -197,7 +197,7 @@ impl World {
     /// Adds noise to the wires of an encoder at this rate per second; 0 ends it.
     pub fn set_encoder_noise(&mut self, robot: usize, wheel: usize, hz: f64) {
         let unit = self.touched(robot);
-        if let Some(encoder) = unit.and_then(|unit| unit.encoders.get_mut(wheel)) {
+        if let Some(encoder) = unit.and_then(|unit| unit.encoder_mut(wheel)) {
             encoder.set_noise(hz);
         }
     }
@@ -205,7 +205,7 @@ impl World {
     /// Gives the wires of an encoder slow rising edges: R times C, s; 0 ends it.
     pub fn set_encoder_slow_edges(&mut self, robot: usize, wheel: usize, rc: f64) {
         let unit = self.touched(robot);
-        if let Some(encoder) = unit.and_then(|unit| unit.encoders.get_mut(wheel)) {
+        if let Some(encoder) = unit.and_then(|unit| unit.encoder_mut(wheel)) {
             encoder.set_slow_edges(rc);
         }
     }
@@ -213,7 +213,7 @@ impl World {
     /// Breaks or repairs the index of an encoder.
     pub fn set_index(&mut self, robot: usize, wheel: usize, state: IndexState) {
         let unit = self.units.get_mut(robot);
-        if let Some(index) = unit.and_then(|unit| unit.indexes.state.get_mut(wheel)) {
+        if let Some(index) = unit.and_then(|unit| unit.index_mut(wheel)) {
             *index = state;
         }
     }

@@ -51,8 +51,8 @@ pub struct Indexes {
     pub(super) state: [IndexState; 4],
     /// Where the wheels stand, rad.
     angles: [f64; 4],
-    /// The pulses' angles before and behind that.
-    between: [(f64, f64); 4],
+    /// The pulses' angles on either side of that, the lower one first.
+    between: [[f64; 4]; 2],
     random: Random,
 }
 
@@ -97,9 +97,22 @@ impl Indexes {
             at: *angles,
             state: [IndexState::default(); 4],
             angles: [0.0; 4],
-            between: [(0.0, 0.0); 4],
+            between: [[0.0; 4]; 2],
             random: Random::new(seed ^ SALT),
         }
+    }
+
+    /// Follows the wheels to these angles (rad) if all stay between two pulses, as nearly always;
+    /// only for indexes that work.
+    #[inline]
+    pub fn stays_between_pulses(&mut self, angles: [f64; 4]) -> bool {
+        let [low, high] = &self.between;
+        let stays = |n: usize| low[n] < angles[n] && angles[n] < high[n];
+        let stay = stays(0) & stays(1) & stays(2) & stays(3);
+        if stay {
+            self.angles = angles;
+        }
+        stay
     }
 
     /// Follows a wheel to an angle (rad) in a span of time (ns) while its encoder has come to
@@ -113,9 +126,8 @@ impl Indexes {
         span_ns: (u64, u64),
     ) -> Option<Pulse> {
         let from = std::mem::replace(&mut self.angles[wheel], angle);
-        // Between two of its pulses, as nearly always.
-        let between = self.between[wheel];
-        if between.0 < angle && angle < between.1 && self.state[wheel] == IndexState::Works {
+        let [low, high] = &self.between;
+        if low[wheel] < angle && angle < high[wheel] && self.state[wheel] == IndexState::Works {
             return None;
         }
         self.pulse(wheel, (from, angle), encoder, span_ns)
@@ -146,7 +158,8 @@ impl Indexes {
         }
         let at = self.at[wheel];
         let turns = ((to - at) / TAU).floor();
-        self.between[wheel] = (at + turns * TAU, at + (turns + 1.0) * TAU);
+        self.between[0][wheel] = at + turns * TAU;
+        self.between[1][wheel] = at + (turns + 1.0) * TAU;
         let last = |period: f64| {
             let turns = (to - at) / period;
             let turns = if to > from {

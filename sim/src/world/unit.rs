@@ -1,7 +1,7 @@
 //! A robot with its wheels: battery, motors, gears and encoders, and the time each has reached.
 
 use canopen::Frame;
-use group::{Driver, EncoderFault, Simulation};
+use group::{Driver, EncoderFault, EncoderNoise, Simulation};
 use kinematics::{Pose, WheelRates};
 
 use crate::battery::{Battery, Supply};
@@ -11,7 +11,7 @@ use crate::encoder::{EncoderState, WheelEncoder};
 use crate::motor::{Bridge, Motors};
 use crate::robot::{Robot, Wake};
 use crate::truth::RobotTruth;
-use crate::world::index::{self, Indexes};
+use crate::world::index::{self, IndexState, Indexes};
 
 /// The USB end of a robot's cable.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -80,12 +80,14 @@ pub(super) struct Unit {
     /// The frame on the wire is its program's, not its babble.
     pub sends_own: bool,
     pub motors: Motors,
-    pub encoders: [WheelEncoder; 4],
+    encoders: [WheelEncoder; 4],
     /// Count the edges for a robot that only takes counts.
     decoders: [Decoder; 4],
     /// Edges of one wheel in one step.
     edges: Vec<Edge>,
-    pub indexes: Indexes,
+    indexes: Indexes,
+    /// Its encoders and indexes are without faults, and it reads them when it wakes.
+    reads_sums: bool,
     pub supply: Supply,
     /// The current of a motor at which the driver trips, A, and whether it has.
     trips_at: Option<f64>,
@@ -106,6 +108,8 @@ pub(super) struct Unit {
     /// Up to when its motors have turned, and its encoders followed them, ns.
     at_ns: u64,
     followed_ns: u64,
+    /// Its encoders have yet to follow its wheels.
+    owes_counts: bool,
     /// It only does something at times it knows, and those last said.
     lazy: bool,
     wake: Wake,
@@ -150,11 +154,13 @@ impl Unit {
             encoders: signs(data.reversed.encoders),
             motors: signs(data.reversed.motors),
         };
+        let lazy = robot.is_lazy();
         Self {
             node: data.node,
             drives: directions.at_motors(robot.drives()),
             directions,
-            lazy: robot.is_lazy(),
+            lazy,
+            reads_sums: lazy && simulation.encoder_noise == EncoderNoise::default(),
             wake: robot.wake(),
             robot,
             connected: true,
@@ -188,7 +194,20 @@ impl Unit {
             slipped: [0.0; 4],
             at_ns: 0,
             followed_ns: 0,
+            owes_counts: false,
         }
+    }
+
+    /// An encoder, to change it.
+    pub fn encoder_mut(&mut self, wheel: usize) -> Option<&mut WheelEncoder> {
+        self.reads_sums = false;
+        self.encoders.get_mut(wheel)
+    }
+
+    /// The state of an index, to change it.
+    pub fn index_mut(&mut self, wheel: usize) -> Option<&mut IndexState> {
+        self.reads_sums = false;
+        self.indexes.state.get_mut(wheel)
     }
 
     /// Whether it need not be run between its wake-up times.
@@ -261,20 +280,44 @@ impl Unit {
         }
     }
 
-    /// Lets the encoders and the indexes follow the motors to where these are.
-    pub fn turn_encoders(&mut self) {
+    /// Lets the wheels follow the motors to where these are. The encoders and the indexes follow
+    /// them, too, unless their sum at the next wake-up is the same.
+    pub fn turn_wheels(&mut self) {
+        if self.followed_ns == self.at_ns {
+            return;
+        }
+        let wheels = self.behind_play();
+        let turned = std::array::from_fn(|n| wheels[n] + self.slipped[n]);
+        if !self.reads_sums || !self.indexes.stays_between_pulses(turned) {
+            self.turn_encoders();
+            return;
+        }
+        self.wheels = wheels;
+        self.followed_ns = self.at_ns;
+        self.owes_counts = true;
+    }
+
+    /// The wheels' angles, within the play of the motors' ones.
+    #[inline(always)]
+    fn behind_play(&self) -> [f64; 4] {
+        let (angles, play) = (self.motors.angles(), self.half_play);
+        std::array::from_fn(|n| self.wheels[n].clamp(angles[n] - play, angles[n] + play))
+    }
+
+    /// Lets the wheels, the encoders and the indexes follow the motors to where these are.
+    fn turn_encoders(&mut self) {
         let span = (
             std::mem::replace(&mut self.followed_ns, self.at_ns),
             self.at_ns,
         );
-        if span.0 == span.1 {
+        if span.0 == span.1 && !self.owes_counts {
             return;
         }
+        self.owes_counts = false;
+        self.wheels = self.behind_play();
         let mut pulses = [None; 4];
         let (mut counts, mut rates) = ([0; 4], self.motors.rates());
         for (wheel, angle) in self.motors.angles().into_iter().enumerate() {
-            let play = (angle - self.half_play, angle + self.half_play);
-            self.wheels[wheel] = self.wheels[wheel].clamp(play.0, play.1);
             let angle = angle + self.slipped[wheel];
             let turned = self.wheels[wheel] + self.slipped[wheel];
             if let Some(pulse) = self.indexes.follow(wheel, turned, angle, span) {
