@@ -4,6 +4,8 @@
 //! and says so). Both are driven by the same master over the same kind of bus.
 
 mod common;
+#[path = "emulated/copies.rs"]
+mod copies;
 #[path = "emulated/identity.rs"]
 mod identity;
 #[path = "emulated/robots.rs"]

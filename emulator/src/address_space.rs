@@ -72,6 +72,28 @@ impl Shared {
         }
     }
 
+    /// The same peripherals with other memory, for a core that is still to be attached.
+    pub(crate) fn with_memory(&self, flash: &Arc<RamStore>, ram: &Arc<Ram>) -> Arc<Self> {
+        let flag = |flag: &AtomicBool| AtomicBool::new(flag.load(Relaxed));
+        let number = |number: &AtomicU64| AtomicU64::new(number.load(Relaxed));
+        let word = |word: &AtomicU32| AtomicU32::new(word.load(Relaxed));
+        Arc::new(Self {
+            soc: Mutex::new(lock(&self.soc).with_memory(flash, ram)),
+            now: number(&self.now),
+            next_event: number(&self.next_event),
+            attention: flag(&self.attention),
+            lines_changed: flag(&self.lines_changed),
+            flash_version: number(&self.flash_version),
+            flash_acr: word(&self.flash_acr),
+            flash_busy: flag(&self.flash_busy),
+            flash_awaited: flag(&self.flash_awaited),
+            flash_waits: self.flash_waits,
+            cpu: OnceLock::new(),
+            nmi: flag(&self.nmi),
+            lines: self.lines.each_ref().map(word),
+        })
+    }
+
     pub(crate) fn attach(&self, cpu: &Arc<ArmV7m>) {
         // Set once, by the board that owns both.
         let _ = self.cpu.set(Arc::downgrade(cpu));

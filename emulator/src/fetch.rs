@@ -35,7 +35,7 @@ const ICEN: u32 = 1 << 9;
 const DCEN: u32 = 1 << 10;
 
 /// A fully associative cache of `N` lines that gives up the one unused for longest.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 struct Cache<const N: usize> {
     enabled: bool,
     /// For each line of the flash its slot plus one, 0 for none.
@@ -115,7 +115,7 @@ impl<const N: usize> Cache<N> {
 }
 
 /// The flash interface's reading side. Addresses are offsets into the flash, times are core cycles.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct Fetch {
     /// Bytes of a line as a power of two.
     bits: u32,

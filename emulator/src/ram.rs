@@ -23,6 +23,19 @@ pub(crate) struct Ram {
     size: u32,
 }
 
+impl Clone for Ram {
+    fn clone(&self) -> Self {
+        let words = self
+            .words
+            .each_ref()
+            .map(|word| AtomicU32::new(word.load(Relaxed)));
+        Self {
+            size: self.size,
+            words: Box::new(words),
+        }
+    }
+}
+
 impl std::fmt::Debug for Ram {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "Ram({} bytes)", self.size)

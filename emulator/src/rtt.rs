@@ -57,7 +57,7 @@ impl fmt::Display for LogLine {
 }
 
 /// Reads one board's log.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct Log {
     ram: Arc<Ram>,
     control: Option<u32>,
@@ -84,6 +84,14 @@ impl Log {
             bytes: Vec::new(),
             lines: Vec::new(),
             attached: true,
+        }
+    }
+
+    /// The same log of another RAM.
+    pub(crate) fn with_ram(&self, ram: &Arc<Ram>) -> Self {
+        Self {
+            ram: Arc::clone(ram),
+            ..self.clone()
         }
     }
 

@@ -41,6 +41,7 @@ use crate::update::{Done, Job, StandIn};
 const ALIVE_US: u64 = 10_000;
 
 /// The bus side of one robot.
+#[cfg_attr(feature = "copies", derive(Clone))]
 pub struct BusSide {
     device: Device,
     robot: Application,

@@ -36,6 +36,7 @@ pub enum Memorable {
 }
 
 /// See the [module](self).
+#[derive(Clone)]
 pub(crate) struct FaultMemory {
     /// Newest first; only the first `known` count.
     faults: [[u8; StoredFault::LENGTH]; DEPTH as usize],

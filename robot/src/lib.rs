@@ -26,7 +26,8 @@
 //!
 //! # Limits
 //!
-//! This crate has no clock, allocator or logger, and does not access hardware.
+//! This crate has no clock, allocator or logger, and does not access hardware; only the copy of a
+//! robot (feature `copies`) takes memory from an allocator.
 #![no_std]
 #![forbid(unsafe_code)]
 #![cfg_attr(
@@ -42,6 +43,8 @@
     )
 )]
 
+#[cfg(feature = "copies")]
+extern crate alloc;
 #[cfg(test)]
 extern crate std;
 

@@ -76,6 +76,7 @@ const fn seconds(time: Micros) -> u32 {
 }
 
 /// See the [module](self).
+#[derive(Clone)]
 pub(crate) struct Lock {
     key: Key,
     hmac: Hmac,

@@ -83,6 +83,18 @@ pub(crate) struct Store {
 
 const NO_OBJECT: Address = Address::new(0, 0);
 
+/// A copy has memory of its own, which is never given back, as a robot's never is.
+#[cfg(feature = "copies")]
+impl Clone for Store {
+    fn clone(&self) -> Self {
+        let memory: alloc::boxed::Box<[u8]> = (&*self.bytes).into();
+        Self {
+            bytes: alloc::boxed::Box::leak(memory),
+            ..*self
+        }
+    }
+}
+
 impl Store {
     pub const fn new() -> Self {
         Self {

@@ -51,6 +51,21 @@ pub struct TestMaster {
 }
 
 impl TestMaster {
+    /// A second one with a world of its own, in the same state, unless that has no copy
+    /// ([`World::try_clone`]).
+    #[must_use]
+    pub fn try_clone(&self) -> Option<Self> {
+        Some(Self {
+            world: self.world.try_clone()?,
+            status: self.status.clone(),
+            measured: self.measured.clone(),
+            rates: self.rates.clone(),
+            emergencies: self.emergencies.clone(),
+            cable: self.cable.clone(),
+            ..*self
+        })
+    }
+
     /// Takes over a world of configured robots: heartbeat and SYNC run, the setpoint is standstill.
     #[must_use]
     pub fn new(world: World, file: &group::GroupFile) -> Self {

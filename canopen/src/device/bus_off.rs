@@ -15,6 +15,7 @@ const LONGEST_PAUSE: Micros = Micros::from_millis(3_200);
 /// So long without bus-off, and the next pause is the first again.
 const GOOD: Micros = Micros::from_millis(10_000);
 
+#[derive(Clone)]
 pub(super) struct BusOff {
     is_off: bool,
     pause: Micros,

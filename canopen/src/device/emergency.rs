@@ -37,6 +37,7 @@ struct Active {
     class: u8,
 }
 
+#[derive(Clone)]
 pub(super) struct Emergencies {
     /// 0x1014.
     pub cob_id: u32,

@@ -23,6 +23,7 @@ pub(super) struct Consumer {
     state: Option<NmtState>,
 }
 
+#[derive(Clone)]
 pub(super) struct Heartbeat {
     /// 0x1017.
     pub period_ms: u16,

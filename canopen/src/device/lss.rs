@@ -30,6 +30,7 @@ const REFUSED: u8 = 1;
 /// The error code of what cannot be done now.
 const NOT_NOW: u8 = 0xFF;
 
+#[derive(Clone)]
 pub(super) struct Lss {
     /// Listens to configuration commands.
     configuring: bool,

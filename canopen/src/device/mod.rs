@@ -56,12 +56,14 @@ const SDO_REQUEST: u16 = 0x600;
 const HEARTBEAT: u16 = 0x700;
 
 /// A CANopen device.
+#[derive(Clone)]
 pub struct Device {
     core: Core,
     sdo: sdo::Server,
 }
 
 /// All of the device but the SDO server.
+#[derive(Clone)]
 struct Core {
     config: Config,
     node: Option<NodeId>,

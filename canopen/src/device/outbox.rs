@@ -15,6 +15,7 @@ const FRAMES: usize = 16;
 const EVENTS: usize = 16;
 const FOR_CHANGES: usize = 4;
 
+#[derive(Clone)]
 pub(super) struct Outbox {
     frames: Deque<Frame, FRAMES>,
     events: Deque<Event, EVENTS>,

@@ -35,6 +35,7 @@ pub(super) struct Rpdo {
     pub deadline: Timer,
 }
 
+#[derive(Clone)]
 pub(super) struct Rpdos {
     list: [Rpdo; MAX_RPDO],
     count: usize,

@@ -25,6 +25,7 @@ const MEANINGLESS: u32 = 1 << 31;
 /// No frame has this identifier.
 const NONE: u16 = u16::MAX;
 
+#[derive(Clone)]
 pub(super) struct Sync {
     /// 0x1005.
     pub cob_id: u32,

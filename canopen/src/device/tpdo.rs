@@ -36,6 +36,7 @@ pub(super) struct Tpdo {
     inhibited_until: Micros,
 }
 
+#[derive(Clone)]
 pub(super) struct Tpdos {
     list: [Tpdo; MAX_TPDO],
     count: usize,

@@ -142,6 +142,7 @@ fn difference(from: u16, to: u16) -> u16 {
 }
 
 /// What is known of all drives on the bus.
+#[derive(Clone)]
 pub struct Drives {
     seen: [Seen; IDENTIFIERS],
     /// Beginning of the window in which reports are counted.

@@ -62,12 +62,14 @@ struct Tick {
 }
 
 /// The control side of one robot.
+#[derive(Clone)]
 pub struct ControlSide {
     motion: Option<Motion>,
     supervision: Supervision,
 }
 
 /// The state besides the motion: causes that have to last, and the report to the bus side.
+#[derive(Clone)]
 struct Supervision {
     counts: Option<[u16; 4]>,
     last: Option<Micros>,

@@ -14,7 +14,7 @@ use super::Board;
 use crate::memory_map::{FLASH_BASE, RAM_BASE};
 
 /// The debugger's side of a board.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub(super) struct Debugger {
     breakpoints: BTreeSet<u32>,
     pub(super) stopped: bool,

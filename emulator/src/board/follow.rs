@@ -15,7 +15,7 @@ use crate::trace::Change;
 const POLL: &str = "TaskStorage<F>::poll";
 
 /// A poll function under way.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 struct Open {
     /// Program counter and stack pointer after its return.
     back: (u32, u32),
@@ -24,7 +24,7 @@ struct Open {
 }
 
 /// Follows the program of one board.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Follow {
     tasks: BTreeMap<u32, Arc<str>>,
     open: Vec<Open>,

@@ -8,6 +8,7 @@
 //! Between two runs the world may set pins, turn encoders and deliver frames, as of the last's end.
 
 mod can;
+mod copy;
 mod debug;
 mod follow;
 mod run;
@@ -128,6 +129,22 @@ pub struct Board {
     follow: Option<follow::Follow>,
 }
 
+/// A core that reaches all this, as after power-on.
+fn core(
+    chip: &Chip,
+    shared: &Arc<Shared>,
+    flash: &Arc<RamStore>,
+    ram: &Arc<Ram>,
+    uid: [u8; 12],
+) -> Arc<ArmV7m> {
+    let space = address_space(chip, shared, flash, ram, uid).expect("the address map is valid");
+    // 16 priority levels (RM0390 section 10.1.1).
+    let cpu = Arc::new(ArmV7m::new(chip.core.with_priority_bits(4)));
+    cpu.attach_space(Arc::new(space));
+    shared.attach(&cpu);
+    cpu
+}
+
 impl Board {
     /// A board with the firmware flashed, at the moment of power-on, world time 0.
     ///
@@ -154,12 +171,7 @@ impl Board {
         let ram = Arc::new(Ram::new(chip));
         let soc = Soc::new(chip, Arc::clone(&flash), Arc::clone(&ram), &config);
         let shared = Arc::new(Shared::new(soc, !config.ideal_flash));
-        let space = address_space(chip, &shared, &flash, &ram, config.uid)
-            .expect("the address map is valid");
-        // 16 priority levels (RM0390 section 10.1.1).
-        let cpu = Arc::new(ArmV7m::new(chip.core.with_priority_bits(4)));
-        cpu.attach_space(Arc::new(space));
-        shared.attach(&cpu);
+        let cpu = core(chip, &shared, &flash, &ram, config.uid);
         let log = Log::new(Arc::clone(&ram), firmware);
         Self {
             firmware: firmware.clone(),

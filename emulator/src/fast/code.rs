@@ -93,6 +93,7 @@ impl Programmed {
 }
 
 /// The code of one board.
+#[derive(Clone)]
 pub(super) struct Code {
     image: Arc<Programmed>,
     /// What has been executed since its content changed.

@@ -85,14 +85,14 @@ const NVIC: RangeInclusive<u32> = 0xE000_E100..=0xE000_E4EF;
 const DIVISION: u64 = 14;
 
 /// The fast path of one board.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct Fast {
     code: Code,
     core: Core,
 }
 
 /// The registers of a session.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 struct Core {
     /// What the reference core had when the session began.
     given: Regs,

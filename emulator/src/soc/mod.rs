@@ -54,7 +54,7 @@ const FILTERS: u32 = 0x200;
 pub(crate) type IrqLines = [u32; 4];
 
 /// All peripherals.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct Soc {
     pub(crate) chip: &'static Chip,
     pub(crate) now: u64,
@@ -165,6 +165,14 @@ impl Soc {
             trace: None,
             reset_request: 0,
         }
+    }
+
+    /// The same peripherals with other memory.
+    pub(crate) fn with_memory(&self, array: &Arc<RamStore>, ram: &Arc<Ram>) -> Self {
+        let mut copy = self.clone();
+        copy.flash.set_array(Arc::clone(array));
+        copy.ram = Arc::clone(ram);
+        copy
     }
 
     /// A system reset, for a reason given as bits of RCC_CSR.

@@ -6,7 +6,7 @@ use crate::system::map::{Entry, Gate, Unit};
 use crate::system::pins::{Route, Row};
 
 /// By number, port and pin.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Places {
     /// Peripherals that have a whole kilobyte from [`PERIPHERALS`] on.
     pages: [Option<&'static Entry>; 256],

@@ -67,7 +67,7 @@ struct Stream {
 }
 
 /// One controller with its eight streams.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub(crate) struct Dma {
     streams: [Stream; 8],
 }

@@ -56,7 +56,7 @@ const CR_ERRIE: u32 = 1 << 25;
 const CR_LOCK: u32 = 1 << 31;
 
 /// The flash interface and its array.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Flash {
     chip: &'static Chip,
     array: Arc<RamStore>,
@@ -148,6 +148,11 @@ impl Flash {
             operations: Operations::default(),
             cuts: None,
         }
+    }
+
+    /// Exchanges the array for a copy of it.
+    pub(crate) fn set_array(&mut self, array: Arc<RamStore>) {
+        self.array = array;
     }
 
     /// Makes programming and erasing take so many times as long.

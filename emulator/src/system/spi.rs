@@ -44,7 +44,7 @@ mod sr {
 pub(crate) type Exchange<'a> = &'a mut dyn FnMut(u16, u32) -> u16;
 
 /// One SPI.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub(crate) struct Spi {
     cr1: u32,
     received: Option<u16>,

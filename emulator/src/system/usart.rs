@@ -100,7 +100,7 @@ struct Undriven {
 }
 
 /// One USART.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct Usart {
     sr: u32,
     received: u8,

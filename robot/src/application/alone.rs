@@ -26,6 +26,7 @@ const SPEED: f32 = 0.25;
 const YAW_RATE: f32 = 0.5;
 
 /// What a robot that is moved alone knows about that.
+#[derive(Clone)]
 pub(super) struct Alone {
     /// It may, object 0x2050:1.
     pub is_permitted: bool,

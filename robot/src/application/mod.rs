@@ -82,6 +82,7 @@ impl Received {
 }
 
 /// See the [module](self).
+#[cfg_attr(feature = "copies", derive(Clone))]
 pub(crate) struct Application {
     pub identity: Identity,
     nmt: NmtState,

@@ -132,6 +132,7 @@ struct Survey {
 }
 
 /// See the [module](self).
+#[derive(Clone)]
 pub(crate) struct Update {
     running: Option<Slot>,
     device: Device,

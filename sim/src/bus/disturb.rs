@@ -29,7 +29,7 @@ impl Share {
 }
 
 /// Everything that disturbs the wire itself.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Disturbances {
     random: Random,
     /// Frames in which one bit is inverted for all nodes.

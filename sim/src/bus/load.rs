@@ -15,7 +15,7 @@ pub struct BusLoad {
 }
 
 /// Adds up the time the wire is taken.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct LoadMeter {
     window_ns: u64,
     /// Busy time of all closed windows, and of the open one.

@@ -102,7 +102,7 @@ pub struct Transfer {
 }
 
 /// The wire.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Bus {
     transfer: Option<Transfer>,
     free_at_ns: u64,

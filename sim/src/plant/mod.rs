@@ -80,6 +80,11 @@ pub trait Plant: Send {
     fn period_ns(&self) -> u64 {
         250_000
     }
+
+    /// The same plant in the same state, which goes on by itself; `None` of one outside.
+    fn try_clone(&self) -> Option<Box<dyn Plant>> {
+        None
+    }
 }
 
 /// The plant that a group file asks for, with the group frame at `start`.

@@ -22,7 +22,7 @@ use crate::error::SimError;
 const MM_PER_M: f64 = 1e3;
 
 /// See the [module](self).
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct TablePlant {
     losses: Losses,
     rigid: bool,
@@ -105,6 +105,10 @@ impl Plant for TablePlant {
 
     fn shape_error_mm(&self) -> f64 {
         self.formation.shape_error_mm(self.group, &self.alone)
+    }
+
+    fn try_clone(&self) -> Option<Box<dyn Plant>> {
+        Some(Box::new(self.clone()))
     }
 }
 

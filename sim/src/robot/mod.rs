@@ -251,6 +251,11 @@ pub trait Robot: Send {
     fn instructions(&self) -> u64 {
         0
     }
+
+    /// The same robot in the same state, which goes on by itself, if there can be one.
+    fn try_clone(&self) -> Option<Box<dyn Robot>> {
+        None
+    }
 }
 
 /// What the robots of a world are.

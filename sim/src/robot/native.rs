@@ -86,6 +86,7 @@ impl Clock {
 }
 
 /// See the [module](self).
+#[derive(Clone)]
 pub struct NativeRobot {
     id: NodeId,
     serial: u32,
@@ -124,7 +125,7 @@ fn read(gyro: &Bmi088, samples: bool) -> Reading {
 }
 
 /// Its fault memory.
-#[derive(Default)]
+#[derive(Clone, Default)]
 struct Memory {
     starts: u32,
     faults: Vec<[u8; StoredFault::LENGTH]>,
@@ -138,6 +139,7 @@ fn hmac(key: &Key, message: &[u8], out: &mut Code) -> bool {
 }
 
 /// A running program and the CAN controller beside it.
+#[derive(Clone)]
 struct Live {
     clock: Clock,
     bus: BusSide,

@@ -12,6 +12,7 @@ use boot::records::{self, BLANK, CABLE, Candidate, Reason, Seal};
 use boot::{Checksum, Flash, FlashError, Slot, slots};
 
 /// Words that are not blank, by address.
+#[derive(Clone)]
 pub struct ProgramFlash(HashMap<u32, u32>);
 
 impl ProgramFlash {

@@ -7,7 +7,7 @@ use canopen::{Frame, Micros};
 use crate::bus::errors::Confinement;
 
 /// The frames of a port, and its state on the bus.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub(super) struct PortQueues {
     /// Each with the time, ns, from which it is ready to be sent.
     pub send: VecDeque<(u64, Frame)>,

@@ -116,6 +116,7 @@ pub(super) struct Unit {
 }
 
 /// How encoders and motors are wired or mounted: 1, or -1 where the other way round.
+#[derive(Clone, Copy)]
 struct Directions {
     encoders: [f64; 4],
     motors: [f64; 4],
@@ -196,6 +197,19 @@ impl Unit {
             followed_ns: 0,
             owes_counts: false,
         }
+    }
+
+    /// The same in the same state, which goes on by itself; `None` with a robot that has no copy.
+    pub fn try_clone(&self) -> Option<Self> {
+        Some(Self {
+            robot: self.robot.try_clone()?,
+            motors: self.motors.clone(),
+            encoders: self.encoders.clone(),
+            edges: self.edges.clone(),
+            indexes: self.indexes.clone(),
+            supply: self.supply.clone(),
+            ..*self
+        })
     }
 
     /// An encoder, to change it.

@@ -8,6 +8,8 @@
 //! must then come to rest with drivers off and brake engaged, announce the cause, and stay at rest
 //! until the end.
 
+use std::sync::{Mutex, PoisonError};
+
 use anyhow::{Context as _, bail, ensure};
 use canopen::NmtCommand;
 use emulator::Firmware;
@@ -20,7 +22,7 @@ use sim::robot::Robot;
 use sim::test_master::{STEP_US, TestMaster};
 use sim::{Backend, Options, RobotTruth, SimError, World};
 
-use super::causes::{Case, Procedure, WATCHED};
+use super::causes::{Case, WATCHED};
 use super::measured::Measured;
 
 /// Configured limits of the robots' supply of 24 V, V.
@@ -71,18 +73,14 @@ impl Robots<'_> {
 /// A brake that engages slows wheels with smart drives before their current is gone, so a fall of
 /// their duty says nothing of a cut.
 pub fn measure(
-    group: &GroupFile,
-    firmware: &Firmware,
+    driving: &Driving<'_>,
     case: &Case,
     announced: Fault,
     smart: bool,
 ) -> anyhow::Result<Measured> {
-    if let Procedure::Stored(procedure) = case.procedure {
-        return procedure(firmware);
-    }
+    let group = driving.group;
     let node = group.robots.get(WATCHED).context("no robots")?.node;
-    let mut master = driving(group, Robots::Emulated(firmware), case.speed, &[case])?;
-    master.run_to_phase(100, 1)?;
+    let mut master = driving.start(case.speed, &[case])?;
     let mut before = f64::INFINITY;
     for _ in 0..BEFORE_MS * 1_000 / STEP_US {
         master.step()?;
@@ -147,36 +145,81 @@ pub fn measure(
     })
 }
 
-/// Boots, configures and starts a group, for what is going to happen, and brings it to speed.
-pub fn driving(
-    group: &GroupFile,
-    robots: Robots<'_>,
+/// Groups at speed, which trials begin with. All that begin alike get copies of one.
+pub struct Driving<'a> {
+    pub group: &'a GroupFile,
+    robots: Robots<'a>,
+    known: Mutex<Vec<(Start, TestMaster)>>,
+}
+
+/// What distinguishes a start: the speed, and the cases that are prepared, by number and variant.
+#[derive(Clone, PartialEq)]
+struct Start {
     speed: f32,
-    cases: &[&Case],
-) -> anyhow::Result<TestMaster> {
-    let options = Options {
-        truth_period_ns: 0,
-        ..Options::default()
-    };
-    let plant = sim::plant::build(group, options.start)?;
-    let world = World::with_parts(group, robots.build(group)?, plant, options)?;
-    let mut link = SimLink::new(world, "faults");
-    let mut session = Group::connect(&mut link, group)?;
-    session.configure(true)?;
-    for robot in &group.robots {
-        for (address, volts) in [
-            (at::SUPPLY_MINIMUM, SUPPLY_MINIMUM),
-            (at::SUPPLY_MAXIMUM, SUPPLY_MAXIMUM),
-        ] {
-            let volts = Value::F32(volts);
-            session.wire().write(robot.node, address, volts)?;
+    prepared: Vec<(u8, &'static str)>,
+}
+
+impl<'a> Driving<'a> {
+    pub fn new(group: &'a GroupFile, robots: Robots<'a>) -> Self {
+        Self {
+            group,
+            robots,
+            known: Mutex::default(),
         }
     }
-    drop(session);
-    let mut master = TestMaster::new(link.world, group);
-    for prepare in cases.iter().filter_map(|case| case.prepare) {
-        prepare(&mut master);
+
+    /// The group at a speed and 1 ms after a SYNC and the heartbeat, prepared for what is going to
+    /// happen.
+    pub fn start(&self, speed: f32, cases: &[&Case]) -> anyhow::Result<TestMaster> {
+        let mut cases: Vec<_> = cases.iter().filter(|case| case.prepare.is_some()).collect();
+        cases.sort_by_key(|case| case.number);
+        let start = Start {
+            speed,
+            prepared: cases.iter().map(|c| (c.number, c.variant)).collect(),
+        };
+        let mut known = self.known.lock().unwrap_or_else(PoisonError::into_inner);
+        let master = match known.iter().position(|(known, _)| *known == start) {
+            Some(place) => &known[place].1,
+            None => {
+                let mut master = self.configured()?;
+                for prepare in cases.iter().filter_map(|case| case.prepare) {
+                    prepare(&mut master);
+                }
+                bring_to_speed(&mut master, speed)?;
+                known.push((start, master));
+                &known[known.len() - 1].1
+            }
+        };
+        master.try_clone().context("the robots cannot be copied")
     }
+
+    /// Boots and configures the group.
+    fn configured(&self) -> anyhow::Result<TestMaster> {
+        let options = Options {
+            truth_period_ns: 0,
+            ..Options::default()
+        };
+        let group = self.group;
+        let plant = sim::plant::build(group, options.start)?;
+        let world = World::with_parts(group, self.robots.build(group)?, plant, options)?;
+        let mut link = SimLink::new(world, "faults");
+        let mut session = Group::connect(&mut link, group)?;
+        session.configure(true)?;
+        for robot in &group.robots {
+            for (address, volts) in [
+                (at::SUPPLY_MINIMUM, SUPPLY_MINIMUM),
+                (at::SUPPLY_MAXIMUM, SUPPLY_MAXIMUM),
+            ] {
+                let volts = Value::F32(volts);
+                session.wire().write(robot.node, address, volts)?;
+            }
+        }
+        drop(session);
+        Ok(TestMaster::new(link.world, group))
+    }
+}
+
+fn bring_to_speed(master: &mut TestMaster, speed: f32) -> anyhow::Result<()> {
     master.run(READY_MS)?;
     master.command(NmtCommand::Start, None);
     master.run(READY_MS)?;
@@ -186,7 +229,8 @@ pub fn driving(
         master.all_are(MemberState::Moving),
         "the group does not drive"
     );
-    Ok(master)
+    master.run_to_phase(100, 1)?;
+    Ok(())
 }
 
 fn watched(master: &TestMaster) -> anyhow::Result<RobotTruth> {

@@ -28,8 +28,8 @@ use serde_json::json;
 
 use crate::firmware::Board;
 use crate::{cargo, firmware};
-use causes::{CASES, Case};
-use measure::Robots;
+use causes::{CASES, Case, Procedure};
+use measure::{Driving, Robots};
 use measured::Measured;
 use pairs::Pair;
 
@@ -162,6 +162,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         None => std::thread::available_parallelism().map_or(1, usize::from),
     };
 
+    let driving = Driving::new(&group, Robots::Emulated(&firmware));
     let jobs = jobs(&promises, arguments.only, (arguments.board, stage.into()))?;
     let (lines, skew) = std::thread::scope(|scope| {
         // The longest trial beside the others. A duty changes the PWM of the other kinds by fewer
@@ -176,7 +177,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
                 ..(*promise).clone()
             },
             variant: case.variant,
-            outcome: tried(&group, &firmware, promise, case, smart),
+            outcome: tried(&driving, &firmware, promise, case, smart),
         });
         (lines, skew.map(std::thread::ScopedJoinHandle::join))
     });
@@ -275,7 +276,7 @@ fn jobs(
 }
 
 fn tried(
-    group: &GroupFile,
+    driving: &Driving<'_>,
     firmware: &Firmware,
     promise: &Promise,
     case: &Case,
@@ -297,7 +298,11 @@ fn tried(
             && within(measured.wheel_rate, wheel_rate)
             && within(measured.way, promise.way)
     };
-    match measure::measure(group, firmware, case, announced, smart) {
+    let measured = match case.procedure {
+        Procedure::Stored(procedure) => procedure(firmware),
+        _ => measure::measure(driving, case, announced, smart),
+    };
+    match measured {
         Ok(measured) if holds(&measured) => Outcome::Held(measured),
         Ok(measured) => Outcome::Missed(measured),
         Err(error) => Outcome::Failed(format!("{error:#}")),
@@ -340,18 +345,12 @@ fn try_pairs<'a>(
         .collect();
     // The longest first, so that no thread is left with one at the end.
     jobs.sort_by_key(|(_, image)| !image);
+    let emulated = Driving::new(group, Robots::WatchedEmulated(firmware));
+    let native = Driving::new(group, Robots::Native);
     side_by_side(threads, &jobs, |(pair, image)| TriedPair {
         pair: *pair,
         image: *image,
-        outcome: pair.measure(
-            group,
-            slow,
-            if *image {
-                Robots::WatchedEmulated(firmware)
-            } else {
-                Robots::Native
-            },
-        ),
+        outcome: pair.measure(if *image { &emulated } else { &native }, slow),
     })
 }
 

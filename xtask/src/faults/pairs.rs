@@ -28,7 +28,7 @@ use protocol::Reaction;
 use crate::firmware::Board;
 
 use super::causes::{CASES, Case, Procedure, SPEED, WATCHED};
-use super::measure::{self, Robots};
+use super::measure::Driving;
 
 /// How long after the first the second appears, ms.
 pub const DELAYS_MS: [u64; 3] = [0, 20, 200];
@@ -137,14 +137,9 @@ impl Pair<'_> {
     }
 
     /// Tries it; `Err` when it could not be brought about or a robot stopped.
-    pub fn measure(
-        &self,
-        group: &GroupFile,
-        slow: Slow,
-        robots: Robots<'_>,
-    ) -> anyhow::Result<Outcome> {
-        let mut master = measure::driving(group, robots, SPEED, &[self.first.1, self.second.1])?;
-        master.run_to_phase(100, 1)?;
+    pub fn measure(&self, driving: &Driving<'_>, slow: Slow) -> anyhow::Result<Outcome> {
+        let group = driving.group;
+        let mut master = driving.start(SPEED, &[self.first.1, self.second.1])?;
         let mut wheel = Wheel::default();
         let at_first = wheel.rate(&master);
         self.first.1.procedure.appear(&mut master)?;

@@ -73,6 +73,7 @@ enum State {
     },
 }
 
+#[derive(Clone)]
 pub(super) struct Server {
     state: State,
     index: u16,

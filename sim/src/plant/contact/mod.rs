@@ -140,7 +140,7 @@ impl Contact {
 }
 
 /// See the [module](self).
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct ContactPlant {
     formation: Formation,
     wheel_inertia: Option<f64>,
@@ -313,6 +313,10 @@ impl Plant for ContactPlant {
 
     fn wheel_inertia(&self) -> Option<f64> {
         self.wheel_inertia
+    }
+
+    fn try_clone(&self) -> Option<Box<dyn Plant>> {
+        Some(Box::new(self.clone()))
     }
 
     fn floor_torques(&self, robot: usize) -> [f64; 4] {

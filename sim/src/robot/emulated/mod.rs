@@ -50,6 +50,7 @@ const FIRST_NODE: u8 = 2;
 const SETTLING_NS: u64 = 60_000;
 
 /// See the [module](self).
+#[derive(Clone)]
 pub struct EmulatedRobot {
     node: u8,
     firmware: Firmware,

@@ -353,4 +353,8 @@ impl Robot for EmulatedRobot {
     fn instructions(&self) -> u64 {
         self.instructions_before + self.board.instructions()
     }
+
+    fn try_clone(&self) -> Option<Box<dyn Robot>> {
+        Some(Box::new(self.clone()))
+    }
 }

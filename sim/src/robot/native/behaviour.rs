@@ -309,4 +309,8 @@ impl Robot for NativeRobot {
     fn take_log(&mut self) -> Vec<LogLine> {
         std::mem::take(&mut self.log)
     }
+
+    fn try_clone(&self) -> Option<Box<dyn Robot>> {
+        Some(Box::new(self.clone()))
+    }
 }

@@ -18,7 +18,7 @@ use crate::motor::Bridge;
 use crate::smart_drive::{Connector, DriveBus, DriveChange};
 
 /// The robot's end of the drives' bus.
-#[derive(Default)]
+#[derive(Clone, Default)]
 struct Controller {
     waiting: Option<Frame>,
     sending: Option<Frame>,
@@ -47,6 +47,7 @@ impl Connector for Controller {
 }
 
 /// See the [module](self).
+#[derive(Clone)]
 pub(super) struct SmartDrives {
     bus: DriveBus,
     controller: Controller,
