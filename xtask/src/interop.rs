@@ -24,6 +24,9 @@ pub struct Arguments {
     /// Backend of the robots; by default both, one after the other.
     #[arg(long, value_parser = ["native", "emulator"])]
     backend: Option<String>,
+    /// Builds and installs what the tests need, and runs none.
+    #[arg(long, conflicts_with = "backend")]
+    prepare: bool,
 }
 
 /// What drives robots of a backend.
@@ -78,6 +81,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 
     let image = cargo::target_folder().join("interop/omnibus.image");
     release::development(image.clone())?;
+    if arguments.prepare {
+        return Ok(());
+    }
 
     let _one_queue = OneQueue::new(&python)?;
     let yielding = || {
