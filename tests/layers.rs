@@ -141,3 +141,52 @@ fn every_board_is_built_and_described() {
     }
     nothing(&complaints);
 }
+
+/// The folder of a program or library that a section of a manifest declares to be without tests.
+fn untested(package: &str, section: &str) -> Option<PathBuf> {
+    let is_target = section.starts_with("lib]") || section.starts_with("[bin]]");
+    if !is_target || !section.contains("\ntest = false\n") {
+        return None;
+    }
+    let path = section.split("\npath = \"").nth(1);
+    let path = path.and_then(|rest| rest.split('"').next());
+    let path = Path::new(package).join(path.unwrap_or("src/lib.rs"));
+    path.parent().map(Path::to_path_buf)
+}
+
+/// A target that no test program is built of has no tests in its sources, which nothing would run.
+#[test]
+fn no_test_lies_where_none_is_run() {
+    let manifest = |package: &str| {
+        let path = Path::new(ROOT).join(package).join("Cargo.toml");
+        fs::read_to_string(path).expect("a manifest")
+    };
+    let workspace = manifest(".");
+    let members = workspace.split("members = [").nth(1).expect("members");
+    let members = members.split(']').next().expect("their end");
+    let packages = members.split('"').skip(1).step_by(2);
+    let folders: Vec<PathBuf> = packages
+        .flat_map(|package| {
+            let manifest = manifest(package);
+            let sections = manifest.split("\n[");
+            let folders = sections.filter_map(|section| untested(package, section));
+            folders.collect::<Vec<_>>()
+        })
+        .collect();
+    assert!(
+        folders.contains(&PathBuf::from("vda5050/src")),
+        "{folders:?}"
+    );
+    let mut complaints = Vec::new();
+    for folder in &folders {
+        for path in sources(&folder.to_string_lossy()) {
+            let lines = code(&path).into_iter();
+            let tests =
+                lines.filter(|(_, line)| line.contains("#[test]") || line.contains("cfg(test"));
+            complaints.extend(tests.map(|(number, _)| {
+                format!("{}:{number}: its target has `test = false`", path.display())
+            }));
+        }
+    }
+    nothing(&complaints);
+}

@@ -25,13 +25,13 @@ pub(crate) struct Ram {
 
 impl Clone for Ram {
     fn clone(&self) -> Self {
-        let words = self
-            .words
-            .each_ref()
-            .map(|word| AtomicU32::new(word.load(Relaxed)));
+        let words = Box::new([const { AtomicU32::new(0) }; WORDS]);
+        for (to, from) in words.iter().zip(self.words.iter()) {
+            to.store(from.load(Relaxed), Relaxed);
+        }
         Self {
+            words,
             size: self.size,
-            words: Box::new(words),
         }
     }
 }

@@ -61,9 +61,9 @@ const MASTER_TESTS: [&str; 5] = [
 /// The same with ROS 2.
 const ROS_TESTS: [&str; 2] = ["test_ros", "test_ros_fast"];
 
-/// Builds everything, then runs every test. In three rows masters drive robots in real time, which
-/// mostly waits. The others have no time but their own, and yield to these. A test that fails does
-/// not hide the others.
+/// Builds everything, then runs every test. In three rows masters drive robots in real time, and in
+/// a fourth devices answer, which mostly waits. The others have no time but their own, and yield to
+/// these. A test that fails does not hide the others.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let tests = cargo::root().join("tests/interop");
     system_packages()?;
@@ -140,16 +140,18 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let ros = ROS_TESTS.map(|file| batch(&[file], "native", false));
     let mut others = vec![patient(&UPDATE_TESTS, "emulator")];
     others.extend(COMPUTING_TESTS.map(|test| patient(&[test], "native")));
-    for (file, example) in [("test_device.py", "interop"), ("test_client.py", "sdo")] {
-        let mut command = yielding();
+    let devices = [("test_device.py", "interop"), ("test_client.py", "sdo")];
+    let devices = devices.map(|(file, example)| {
+        let mut command = Command::new(&python);
         command
             .current_dir(cargo::root())
             .arg("-B")
             .arg(Path::new("canopen/interop").join(file))
             .arg(built.join("examples").join(example));
-        others.push(Program::new(format!("canopen: {file}"), command));
-    }
-    programs::in_rows([robots, masters.into(), ros.into()], others)
+        Program::new(format!("canopen: {file}"), command)
+    });
+    let rows = [robots, masters.into(), ros.into(), devices.into()];
+    programs::in_rows(rows, others)
 }
 
 /// Has a multi-body simulation say how many of a calibration's intervals hold.
