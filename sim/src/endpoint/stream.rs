@@ -18,7 +18,10 @@ pub const BACKLOG: usize = 1 << 20;
 const LOOK: Micros = Micros(10_000);
 
 /// How long to look for an answer before sleeping.
-const SOON: Duration = Duration::from_micros(50);
+const SOON: Duration = Duration::from_micros(100);
+/// After how many waits to look again when nothing came soon: perhaps the client can only work
+/// while this process sleeps.
+const RESTS: u32 = 32;
 
 /// A connection that never blocks. Bytes wait in it in both directions; its owner takes them from
 /// `input` and puts them into `output`.
@@ -175,8 +178,8 @@ pub struct Server<C> {
     clients: Vec<(Pipe<TcpStream>, C)>,
     /// Ports of clients that have gone.
     spare: Vec<Port>,
-    /// Whether nothing came in the last wait.
-    is_idle: Cell<bool>,
+    /// In how many waits not to look first; see [`RESTS`].
+    rests: Cell<u32>,
 }
 
 impl<C> Server<C> {
@@ -189,7 +192,7 @@ impl<C> Server<C> {
             listener: Listener::bind(address)?,
             clients: Vec::new(),
             spare: Vec::new(),
-            is_idle: Cell::new(true),
+            rests: Cell::new(0),
         })
     }
 }
@@ -245,14 +248,15 @@ impl<C: Client> Endpoint for Server<C> {
         // to sleep takes longer to wake up.
         let now = Timespec::default();
         let began = Instant::now();
-        while !self.is_idle.get() && began.elapsed() < SOON {
+        let rests = self.rests.get();
+        while rests == 0 && began.elapsed() < SOON {
             if poll(&mut all, Some(&now)) != Ok(0) {
                 return;
             }
-            std::thread::yield_now();
+            std::hint::spin_loop();
         }
+        self.rests.set(rests.checked_sub(1).unwrap_or(RESTS));
         // Interrupted by a signal, it has waited long enough.
-        let came = poll(&mut all, Timespec::try_from(most).ok().as_ref());
-        self.is_idle.set(came == Ok(0));
+        let _ = poll(&mut all, Timespec::try_from(most).ok().as_ref());
     }
 }

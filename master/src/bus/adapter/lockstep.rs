@@ -7,7 +7,6 @@
 use std::collections::VecDeque;
 use std::io::{self, BufRead as _, BufReader, BufWriter, Write as _};
 use std::net::{TcpStream, ToSocketAddrs as _};
-use std::thread;
 use std::time::{Duration, Instant};
 
 use can_text::slcan::{self, Answer};
@@ -20,7 +19,10 @@ const GREETING: &str = "omnibus-lockstep 1";
 /// How long connecting and greeting may take.
 const PATIENCE: Duration = Duration::from_secs(3);
 /// How long to look for an answer before sleeping.
-const SOON: Duration = Duration::from_micros(50);
+const SOON: Duration = Duration::from_micros(100);
+/// After how many answers to look again when one did not come soon: perhaps the simulator can only
+/// work while this end sleeps.
+const RESTS: u32 = 32;
 
 /// A connection to the simulator.
 pub struct LockstepLink {
@@ -29,6 +31,8 @@ pub struct LockstepLink {
     output: BufWriter<TcpStream>,
     now: Micros,
     received: VecDeque<(Micros, Frame)>,
+    /// For how many answers not to look; see [`RESTS`].
+    rests: u32,
 }
 
 /// Connects to `HOST:PORT`.
@@ -44,6 +48,7 @@ pub(super) fn open(bus: String, address: &str) -> io::Result<LockstepLink> {
         output: BufWriter::new(stream),
         now: Micros(0),
         received: VecDeque::new(),
+        rests: 0,
     };
     if link.line()? != GREETING {
         return Err(io::Error::other(
@@ -59,14 +64,22 @@ pub(super) fn open(bus: String, address: &str) -> io::Result<LockstepLink> {
 impl LockstepLink {
     /// Looks for an answer, which mostly takes microseconds, before it is waited for: a core that
     /// has gone to sleep takes longer to wake up.
-    fn look(&self) -> io::Result<()> {
+    fn look(&mut self) -> io::Result<()> {
+        if let Some(fewer) = self.rests.checked_sub(1) {
+            self.rests = fewer;
+            return Ok(());
+        }
+        self.rests = RESTS;
         let stream = self.input.get_ref();
         stream.set_nonblocking(true)?;
         let began = Instant::now();
         while began.elapsed() < SOON {
             match stream.peek(&mut [0]) {
-                Err(error) if error.kind() == io::ErrorKind::WouldBlock => thread::yield_now(),
-                _ => break,
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => std::hint::spin_loop(),
+                _ => {
+                    self.rests = 0;
+                    break;
+                }
             }
         }
         stream.set_nonblocking(false)
