@@ -27,6 +27,9 @@ const LONGEST: [&str; 9] = [
     "omnibus_robot",
 ];
 
+/// Programs that mostly wait: in a row of their own, they leave a core to the others.
+const WAITING: [&str; 3] = ["ros", "bridge", "vda5050"];
+
 /// A command that tests something.
 pub struct Program {
     name: String,
@@ -38,6 +41,11 @@ impl Program {
     pub fn new(name: impl Into<String>, command: Command) -> Self {
         let name = name.into();
         Self { name, command }
+    }
+
+    /// The last word of its name.
+    fn target(&self) -> &str {
+        self.name.rsplit(' ').next().unwrap_or_default()
     }
 
     /// Runs it to its end: its output, and whether it succeeded.
@@ -99,7 +107,8 @@ fn program(message: &str) -> Option<Program> {
     Some(Program { name, command })
 }
 
-/// Runs all of them, each in this environment: as many at a time as there are cores.
+/// Runs all of them, each in this environment: as many at a time as there are cores, and beside them
+/// what waits.
 pub fn on_all_cores(
     mut programs: Vec<Program>,
     environment: &[(&str, PathBuf)],
@@ -107,10 +116,10 @@ pub fn on_all_cores(
     for program in &mut programs {
         program.command.envs(environment.iter().cloned());
     }
-    let cores = std::thread::available_parallelism()?.get();
-    let all = programs.len();
-    let waiting = Mutex::new(longest_first(programs).into());
-    run(&vec![&waiting; cores], all)
+    let (waiting, others) = programs
+        .into_iter()
+        .partition(|program| WAITING.contains(&program.target()));
+    in_rows([waiting], longest_first(others))
 }
 
 /// Runs rows of programs side by side, each program after those before it in its row; and beside
@@ -164,8 +173,8 @@ fn run(queues: &[&Mutex<VecDeque<Program>>], all: usize) -> anyhow::Result<()> {
 /// The longest first, the others as they come.
 fn longest_first(mut programs: Vec<Program>) -> Vec<Program> {
     let place = |program: &Program| {
-        let target = program.name.rsplit(' ').next();
-        let place = LONGEST.iter().position(|name| Some(*name) == target);
+        let target = program.target();
+        let place = LONGEST.iter().position(|name| *name == target);
         place.unwrap_or(LONGEST.len())
     };
     programs.sort_by_key(place);
