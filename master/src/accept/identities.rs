@@ -56,9 +56,7 @@ impl Identities {
 
 fn with_nodes(values: &BTreeMap<String, Vec<u8>>) -> String {
     let one = |(text, nodes): (&String, &Vec<u8>)| {
-        let numbers: Vec<String> = nodes.iter().map(u8::to_string).collect();
-        let word = if nodes.len() == 1 { "node" } else { "nodes" };
-        format!("{text} ({word} {})", numbers.join(", "))
+        format!("{text} ({})", crate::report::nodes(nodes))
     };
     values.iter().map(one).collect::<Vec<_>>().join("; ")
 }

@@ -71,11 +71,6 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if json() {
         return print_json(&json!({"reset": nodes}));
     }
-    let names: Vec<_> = nodes.iter().map(u8::to_string).collect();
-    let (node, have) = if nodes.len() == 1 {
-        ("node", "has")
-    } else {
-        ("nodes", "have")
-    };
-    print_line(format_args!("{node} {} {have} restarted", names.join(", ")))
+    let have = if nodes.len() == 1 { "has" } else { "have" };
+    print_line(format_args!("{} {have} restarted", omnibus::report::nodes(&nodes)))
 }

@@ -114,16 +114,15 @@ pub fn to_html(recording: &Recording) -> Result<String, ChartError> {
     let group = figures.group.as_deref().unwrap_or("robots");
     let title = escape(&format!("{group}: {}", figures.activity));
     let mut out = begin(&title, &title);
-    let nodes: Vec<String> = figures.nodes.iter().map(u8::to_string).collect();
     let _ = write!(
         out,
         "<p class=\"lead\">Recorded on <code>{}</code>: {} frames in {:.1} s, {} SYNC periods, \
-         nodes {}.</p>",
+         {}.</p>",
         escape(&figures.bus),
         figures.frames,
         figures.seconds,
         figures.syncs,
-        nodes.join(", ")
+        crate::report::nodes(&figures.nodes)
     );
     if let Some(damage) = &figures.damage {
         let _ = write!(

@@ -18,6 +18,14 @@ pub use ::chart;
 use crate::monitor::metrics::{Evenness, PathErrors};
 use crate::monitor::rows::{Row, TruthRow};
 
+/// Robots in a sentence: `node 2`, `nodes 2, 3`.
+#[must_use]
+pub fn nodes(nodes: &[u8]) -> String {
+    let word = if nodes.len() == 1 { "node" } else { "nodes" };
+    let numbers: Vec<_> = nodes.iter().map(u8::to_string).collect();
+    format!("{word} {}", numbers.join(", "))
+}
+
 /// One drive along the curve.
 #[derive(Clone, Debug)]
 pub struct Run {
@@ -197,5 +205,16 @@ pub fn paper_table_6(trajectory: &str) -> Option<(f64, f64)> {
         "circle" => Some((-3.48, -0.14)),
         "figure-eight" => Some((-2.92, -0.28)),
         _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::nodes;
+
+    #[test]
+    fn one_robot_is_not_many() {
+        assert_eq!(nodes(&[2]), "node 2");
+        assert_eq!(nodes(&[2, 3]), "nodes 2, 3");
     }
 }

@@ -153,7 +153,7 @@ pub struct Driving<'a> {
 }
 
 /// What distinguishes a start: the speed, and the cases that are prepared, by number and variant.
-#[derive(Clone, PartialEq)]
+#[derive(PartialEq)]
 struct Start {
     speed: f32,
     prepared: Vec<(u8, &'static str)>,

@@ -30,10 +30,9 @@ fn coefficients(outcome: &Outcome) -> Vec<(&'static str, Way, Row)> {
 /// Prints what was found, for people.
 pub fn show(calibration: &Calibration) -> anyhow::Result<()> {
     for outcome in &calibration.outcomes {
-        let nodes: Vec<_> = outcome.nodes.iter().map(u8::to_string).collect();
         print_line(format!(
-            "Nodes {}, version {}",
-            nodes.join(", "),
+            "Coefficients of {}, version {}",
+            omnibus::report::nodes(&outcome.nodes),
             calibration.version
         ))?;
         let mut table = crate::cli::output::table([

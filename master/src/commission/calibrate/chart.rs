@@ -19,8 +19,6 @@ pub fn sheet(calibration: &Calibration) -> Sheet {
     let mut sheet = Sheet::default();
     let mut top = 0;
     for outcome in &calibration.outcomes {
-        let nodes: Vec<_> = outcome.nodes.iter().map(u8::to_string).collect();
-        let nodes = nodes.join(", ");
         let found = &outcome.found;
         let column = |n: usize| -> Vec<Row> { found.oblique.iter().map(|row| row[n]).collect() };
         let straight = [
@@ -30,7 +28,8 @@ pub fn sheet(calibration: &Calibration) -> Sheet {
             ("oblique, lateral", column(1)),
         ];
         let turning = [("turning", found.yaw.clone())];
-        let title = format!("nodes {nodes}: commanded over achieved");
+        let nodes = crate::report::nodes(&outcome.nodes);
+        let title = format!("{nodes}: commanded over achieved");
         let straight = chart(&title, "speed / m/s", &straight);
         let turning = chart("turning", "rate / rad/s", &turning);
         for (left, chart) in [(0, straight), (SIZE.0, turning)] {
