@@ -107,8 +107,8 @@ fn program(message: &str) -> Option<Program> {
     Some(Program { name, command })
 }
 
-/// Runs all of them, each in this environment: as many at a time as there are cores, and beside them
-/// what waits.
+/// Runs all of them, each in this environment: as many at a time as there are cores, and beside
+/// them what waits.
 pub fn on_all_cores(
     mut programs: Vec<Program>,
     environment: &[(&str, PathBuf)],

@@ -8,6 +8,7 @@ use protocol::{Kind, Value, address};
 use crate::bus::link::Link;
 use crate::bus::wire::Wire;
 use crate::error::MasterError;
+use crate::report::nodes;
 
 /// Both in words, with the nodes that tell the same.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -55,10 +56,10 @@ impl Identities {
 }
 
 fn with_nodes(values: &BTreeMap<String, Vec<u8>>) -> String {
-    let one = |(text, nodes): (&String, &Vec<u8>)| {
-        format!("{text} ({})", crate::report::nodes(nodes))
-    };
-    values.iter().map(one).collect::<Vec<_>>().join("; ")
+    let one = values
+        .iter()
+        .map(|(text, of)| format!("{text} ({})", nodes(of)));
+    one.collect::<Vec<_>>().join("; ")
 }
 
 #[cfg(test)]

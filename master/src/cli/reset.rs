@@ -72,5 +72,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         return print_json(&json!({"reset": nodes}));
     }
     let have = if nodes.len() == 1 { "has" } else { "have" };
-    print_line(format_args!("{} {have} restarted", omnibus::report::nodes(&nodes)))
+    print_line(format_args!(
+        "{} {have} restarted",
+        omnibus::report::nodes(&nodes)
+    ))
 }
