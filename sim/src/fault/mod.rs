@@ -85,6 +85,3 @@ impl Schedule {
         }
     }
 }
-
-#[cfg(test)]
-mod tests;

@@ -126,9 +126,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let (ticks, rest) = std::thread::scope(|scope| {
         let ticks = scope.spawn(|| ticks(&group, &image));
         let rest = whole(&group, &alone, &elf, &image);
-        (ticks.join().expect("it does not panic"), rest)
+        (ticks.join(), rest)
     });
-    let mut figures = ticks?;
+    let mut figures = ticks.map_err(std::panic::resume_unwind)??;
     figures.extend(rest?);
     print(&figures);
     let host = match arguments.host {

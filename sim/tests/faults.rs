@@ -1,16 +1,11 @@
-use group::GroupFile;
+//! Faults as text, and at their times in a world.
 
-use super::action::{Place, RobotAction};
-use super::*;
-use crate::robot::Backend;
-use crate::world::{EncoderState, Options};
+use group::GroupFile;
+use omnibus_sim::fault::{FaultSpec, Schedule};
+use omnibus_sim::{Backend, MASTER, Options, World};
 
 fn group() -> GroupFile {
-    GroupFile::load(format!(
-        "{}/../groups/tcc-3.toml",
-        env!("CARGO_MANIFEST_DIR")
-    ))
-    .unwrap()
+    GroupFile::load("../groups/tcc-3.toml").unwrap()
 }
 
 fn parse(text: &str) -> Result<FaultSpec, String> {
@@ -19,18 +14,16 @@ fn parse(text: &str) -> Result<FaultSpec, String> {
 
 #[test]
 fn parts_may_come_in_any_order() {
-    let place = Place { robot: 1, node: 3 };
-    let wanted = FaultSpec {
-        at_ns: Some(5_250_000_000),
-        lasts_ns: Some(1_500_000_000),
-        action: Action::Robot(place, RobotAction::Encoder(2, EncoderState::Dead)),
-    };
     for text in [
         "t=5.25:node=3:wheel=rear-left:encoder-dead:for=1.5",
         "encoder-dead:for=1.5:wheel=rear-left:node=3:t=5.25",
         " t = 5.25 : node = 3 : encoder-dead : wheel = rear-left : for = 1.5 ",
     ] {
-        assert_eq!(parse(text), Ok(wanted), "{text}");
+        let fault = parse(text).unwrap();
+        let times = (fault.at_ns, fault.lasts_ns);
+        assert_eq!(times, (Some(5_250_000_000), Some(1_500_000_000)), "{text}");
+        let action = fault.action.to_string();
+        assert_eq!(action, "node 3: encoder-dead:wheel=rear-left", "{text}");
     }
 }
 
@@ -196,7 +189,7 @@ fn a_power_cycle_boots_the_robot_again() {
         .run_until(&mut world, 1_000_000_000, &mut |_, _| {})
         .unwrap();
     let mut received = Vec::new();
-    while let Some((at, frame)) = world.take_received(crate::MASTER) {
+    while let Some((at, frame)) = world.take_received(MASTER) {
         if frame.id() == 0x703 {
             received.push((at.0, frame.data()[0]));
         }
