@@ -53,12 +53,12 @@ impl<'a> Node<'a> {
         Ok(())
     }
 
-    /// Writes an object.
+    /// Writes an object; returns when its answer ended, us.
     ///
     /// # Errors
     /// When the board refuses or does not answer.
-    pub fn write(&mut self, index: u16, sub: u8, data: &[u8]) -> anyhow::Result<()> {
-        self.transfer(index, sub, Some(data)).map(drop)
+    pub fn write(&mut self, index: u16, sub: u8, data: &[u8]) -> anyhow::Result<u64> {
+        Ok(self.transfer(index, sub, Some(data))?.1)
     }
 
     /// Reads an object of up to four bytes.

@@ -104,8 +104,8 @@ impl Session<'_> {
 
     /// Lets the program fail; returns the time from the answer to the first frame, us.
     fn fail(&mut self, failure: u8) -> anyhow::Result<f64> {
-        self.node.write(FAIL, 1, &[failure])?;
-        let from = self.node.bench.now_us();
+        // Not from now on: a busy computer may come back to this after the board.
+        let from = self.node.write(FAIL, 1, &[failure])?;
         let at = self.node.boot_up(PATIENCE_US)?;
         let at = at.context("the board did not come back within 5 s")?;
         Ok((at - from) as f64)

@@ -322,7 +322,7 @@ impl Session<'_> {
 
     /// Makes a pin an output.
     fn drive(&mut self, pin: u8, high: bool) -> anyhow::Result<()> {
-        self.node.write(PIN, 2, &[pin, u8::from(high)])
+        self.node.write(PIN, 2, &[pin, u8::from(high)]).map(drop)
     }
 
     /// The level of a pin.

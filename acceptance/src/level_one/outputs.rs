@@ -40,6 +40,7 @@ impl Session<'_> {
     fn set_duty(&mut self, wheel: usize, duty: i16) -> anyhow::Result<()> {
         self.node
             .write(OUTPUTS, wheel as u8 + 1, &duty.to_le_bytes())
+            .map(drop)
     }
 
     /// The wave at a pin, if there is one.

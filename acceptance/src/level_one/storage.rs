@@ -75,7 +75,7 @@ impl Session<'_> {
             self.node.write(CHANGED.0, CHANGED.1, &value)?;
             let from = self.node.bench.now_us();
             match self.node.write(SAVE.0, SAVE.1, SIGNATURE) {
-                Ok(()) => {
+                Ok(_) => {
                     let took_ms = (self.node.bench.now_us() - from) as f64 / 1000.0;
                     times.push((took_ms - bus_ms).max(0.0));
                 }
