@@ -18,7 +18,7 @@ from vcd.reader import TokenKind, tokenize
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 SIM, ELF, OMNIBUS = (os.environ[name] for name in ("OMNIBUS_SIM", "OMNIBUS_ELF", "OMNIBUS"))
 SINGLE = ROOT / "groups" / "single.toml"
-PATIENCE = 60
+PATIENCE = 300
 SPEED = 0.2
 """m/s"""
 
