@@ -13,21 +13,6 @@ fn parse(text: &str) -> Result<FaultSpec, String> {
 }
 
 #[test]
-fn parts_may_come_in_any_order() {
-    for text in [
-        "t=5.25:node=3:wheel=rear-left:encoder-dead:for=1.5",
-        "encoder-dead:for=1.5:wheel=rear-left:node=3:t=5.25",
-        " t = 5.25 : node = 3 : encoder-dead : wheel = rear-left : for = 1.5 ",
-    ] {
-        let fault = parse(text).unwrap();
-        let times = (fault.at_ns, fault.lasts_ns);
-        assert_eq!(times, (Some(5_250_000_000), Some(1_500_000_000)), "{text}");
-        let action = fault.action.to_string();
-        assert_eq!(action, "node 3: encoder-dead:wheel=rear-left", "{text}");
-    }
-}
-
-#[test]
 fn what_is_read_can_be_read_again() {
     for text in [
         "power-cycle",

@@ -433,3 +433,26 @@ fn identifier(name: &str, value: Option<&str>) -> Checked<u16> {
         ),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parts_may_come_in_any_order() {
+        let group = GroupFile::load("../groups/tcc-3.toml").unwrap();
+        let place = Place { robot: 1, node: 3 };
+        let wanted = FaultSpec {
+            at_ns: Some(5_250_000_000),
+            lasts_ns: Some(1_500_000_000),
+            action: Action::Robot(place, RobotAction::Encoder(2, EncoderState::Dead)),
+        };
+        for text in [
+            "t=5.25:node=3:wheel=rear-left:encoder-dead:for=1.5",
+            "encoder-dead:for=1.5:wheel=rear-left:node=3:t=5.25",
+            " t = 5.25 : node = 3 : encoder-dead : wheel = rear-left : for = 1.5 ",
+        ] {
+            assert_eq!(FaultSpec::parse(text, &group, false), Ok(wanted), "{text}");
+        }
+    }
+}
