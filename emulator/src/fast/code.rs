@@ -221,10 +221,12 @@ fn decode_page(chip: &Chip, address: u32, bytes: Vec<u8>) -> Page {
 }
 
 /// Whether an instruction that the fast path executes belongs to the DSP extension, which a
-/// Cortex-M3 lacks (ARMv7-M ARM, A1.2 and table A4-10): the extensions that also add, or that
-/// take two bytes.
+/// Cortex-M3 lacks (ARMv7-M ARM, A1.2 and table A4-10).
 fn is_dsp(insn: &Insn) -> bool {
     match insn {
+        Insn::SatQ { .. } | Insn::Pkh { .. } | Insn::Simd { .. } | Insn::DualMul { .. } => true,
+        Insn::MulLong { umaal, .. } => *umaal,
+        // Those that also add, or that take two bytes.
         Insn::Extend { op, rn, .. } => {
             matches!(op, ExtendOp::Sxtb16 | ExtendOp::Uxtb16) || *rn != 15
         }

@@ -33,7 +33,7 @@ fn extend(value: u32, size: Size, signed: bool) -> u32 {
 
 /// Shift by a register's or an instruction's amount: value and carry out (A2.2.1). RRX is rotate by
 /// one through the carry.
-fn shift(kind: ShiftType, value: u32, amount: u32, carry: bool) -> (u32, bool) {
+pub(super) fn shift(kind: ShiftType, value: u32, amount: u32, carry: bool) -> (u32, bool) {
     let wide = u64::from(value);
     match (kind, amount) {
         (ShiftType::Rrx, _) => (u32::from(carry) << 31 | value >> 1, value & 1 != 0),
@@ -355,7 +355,7 @@ impl Core {
                 rdhi,
                 rn,
                 rm,
-                umaal: false,
+                umaal,
             } => {
                 plain(&[rdlo, rdhi])?;
                 let (a, b) = (self.get(rn), self.get(rm));
@@ -364,8 +364,13 @@ impl Core {
                 } else {
                     u64::from(a) * u64::from(b)
                 };
-                let old = u64::from(self.get(rdhi)) << 32 | u64::from(self.get(rdlo));
-                let result = product.wrapping_add(if accumulate { old } else { 0 });
+                let (high, low) = (u64::from(self.get(rdhi)), u64::from(self.get(rdlo)));
+                let addend = match (umaal, accumulate) {
+                    (true, _) => high + low,
+                    (false, true) => high << 32 | low,
+                    (false, false) => 0,
+                };
+                let result = product.wrapping_add(addend);
                 self.set(rdlo, result as u32);
                 self.set(rdhi, (result >> 32) as u32);
                 self.cycles += 1;
@@ -463,7 +468,7 @@ impl Core {
                 }
                 return self.float(memory, insn);
             }
-            _ => return Err(Leave),
+            _ => return self.signal(insn),
         }
         Ok(())
     }
@@ -543,7 +548,7 @@ fn offset(base: u32, by: u32, add: bool) -> u32 {
 }
 
 /// Leaves what would write or read the program counter where that has a meaning of its own.
-fn plain(registers: &[u8]) -> Done {
+pub(super) fn plain(registers: &[u8]) -> Done {
     if registers.iter().all(|register| *register < 15) {
         Ok(())
     } else {

@@ -71,6 +71,8 @@ pub(super) enum Op {
     Mul { d: u8, n: u8, m: u8 },
     MulAdd { d: u8, n: u8, m: u8, a: u8 },
     Umull { low: u8, high: u8, n: u8, m: u8 },
+    /// Adds both halves, each for itself.
+    Umaal { low: u8, high: u8, n: u8, m: u8 },
     UnsignedByte { d: u8, m: u8 },
     UnsignedHalf { d: u8, m: u8 },
     SignedByte { d: u8, m: u8 },

@@ -17,6 +17,7 @@
 //! run.
 
 mod code;
+mod dsp;
 mod execute;
 mod float;
 mod micro;

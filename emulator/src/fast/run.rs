@@ -261,6 +261,13 @@ impl Core {
                     self.set(high, (product >> 32) as u32);
                     cycles = cycles.wrapping_add(1);
                 }
+                Op::Umaal { low, high, n, m } => {
+                    let product = u64::from(self.get(n)) * u64::from(self.get(m));
+                    let sum = product + u64::from(self.get(low)) + u64::from(self.get(high));
+                    self.set(low, sum as u32);
+                    self.set(high, (sum >> 32) as u32);
+                    cycles = cycles.wrapping_add(1);
+                }
                 Op::UnsignedByte { d, m } => self.set(d, self.get(m) & 0xFF),
                 Op::UnsignedHalf { d, m } => self.set(d, self.get(m) & 0xFFFF),
                 Op::SignedByte { d, m } => self.set(d, self.get(m) as i8 as u32),

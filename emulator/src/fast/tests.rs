@@ -52,6 +52,57 @@ impl Random {
     }
 }
 
+/// As many 32-bit instructions as 16-bit ones, and among them the FPU's more often than by chance.
+fn any(random: &mut Random) -> [u32; 2] {
+    let half = match random.of(5) {
+        0 | 1 => random.of(0xE800),
+        2 => 0xED00 | random.of(0x400),
+        _ => 0xE800 + random.of(0x1800),
+    };
+    let second = match half {
+        0xED00..=0xEEFF => random.next() & 0xF0FF | 0x0A00 | random.of(2) << 8,
+        _ => random.next(),
+    };
+    [half, second]
+}
+
+/// Encodings of saturation and of the DSP extension that have no operand in the program counter:
+/// the fixed bits of both halfwords, and which of the second are free beside the registers'.
+const SIGNAL: [[u32; 3]; 19] = [
+    [0xFBE0, 0x0060, 0],      // UMAAL
+    [0xF300, 0x0000, 0x70DF], // SSAT, shifted left
+    [0xF320, 0x0040, 0x709F], // SSAT, shifted right
+    [0xF380, 0x0000, 0x70DF], // USAT
+    [0xF3A0, 0x0040, 0x709F],
+    [0xFA80, 0xF080, 0],      // QADD
+    [0xFA80, 0xF090, 0],      // QDADD
+    [0xFA80, 0xF0A0, 0],      // QSUB
+    [0xFA80, 0xF0B0, 0],      // QDSUB
+    [0xFA80, 0xF050, 0],      // UQADD8
+    [0xFAC0, 0xF050, 0],      // UQSUB8
+    [0xFA00, 0xF080, 0x30],   // SXTAH
+    [0xFA10, 0xF080, 0x30],   // UXTAH
+    [0xFA40, 0xF080, 0x30],   // SXTAB
+    [0xFA50, 0xF080, 0x30],   // UXTAB
+    [0xEAC0, 0x0000, 0x70C0], // PKHBT
+    [0xEAC0, 0x0020, 0x70C0], // PKHTB
+    [0xFB50, 0xF000, 0],      // SMMUL
+    [0xFB50, 0xF010, 0],      // SMMULR
+];
+
+/// One of those, with registers that differ from SP and PC.
+fn signal(random: &mut Random) -> [u32; 2] {
+    let [first, second, free] = SIGNAL[random.of(SIGNAL.len() as u32) as usize];
+    let [n, m, d, high] = [(); 4].map(|()| random.of(13));
+    let second = second | random.next() & free;
+    let registers = match first {
+        0xFBE0 => high << 12 | (high + 1) % 13 << 8 | m,
+        0xF300..0xF400 => d << 8,
+        _ => d << 8 | m,
+    };
+    [first | n, second | registers]
+}
+
 struct Machine {
     flash: Arc<RamStore>,
     ram: Arc<Ram>,
@@ -60,22 +111,11 @@ struct Machine {
 }
 
 impl Machine {
-    fn new(random: &mut Random) -> Self {
+    fn new(random: &mut Random, instruction: fn(&mut Random) -> [u32; 2]) -> Self {
         let flash = Arc::new(RamStore::new(F446.flash_size()));
         let mut at = 0;
         while at < F446.flash_size() {
-            // As many 32-bit instructions as 16-bit ones, and among them the FPU's more often than
-            // by chance.
-            let half = match random.of(5) {
-                0 | 1 => random.of(0xE800),
-                2 => 0xED00 | random.of(0x400),
-                _ => 0xE800 + random.of(0x1800),
-            };
-            let second = match half {
-                0xED00..=0xEEFF => random.next() & 0xF0FF | 0x0A00 | random.of(2) << 8,
-                _ => random.next(),
-            };
-            for half in [half, second] {
+            for half in instruction(random) {
                 flash
                     .write_value(at, Width::U16, u64::from(half & 0xFFFF), Endian::Little)
                     .unwrap();
@@ -136,9 +176,9 @@ impl Machine {
 }
 
 /// Runs random instructions both ways; returns how many the fast path took.
-fn compare(seed: u64, rounds: u32) -> u32 {
+fn compare(seed: u64, rounds: u32, instruction: fn(&mut Random) -> [u32; 2]) -> u32 {
     let mut random = Random(seed);
-    let machine = Machine::new(&mut random);
+    let machine = Machine::new(&mut random, instruction);
     let Machine { cpu, shared, .. } = &machine;
     let memory = Memory {
         cpu,
@@ -206,7 +246,15 @@ fn compare(seed: u64, rounds: u32) -> u32 {
 fn random_instructions_do_what_the_reference_core_does() {
     let instructions: u32 = [0x0123_4567_89AB_CDEF, 0x9E37_79B9_7F4A_7C15]
         .into_iter()
-        .map(|seed| compare(seed, 40_000))
+        .map(|seed| compare(seed, 40_000, any))
         .sum();
     assert!(instructions > 30_000, "only {instructions} were compared");
+}
+
+/// All of them are the fast path's, so none is left to the slower core. Words hold the bits of
+/// either half at random, so that half of the sums are beyond 32 bits.
+#[test]
+fn saturation_and_signal_instructions_do_what_the_reference_core_does() {
+    let rounds = 20_000;
+    assert_eq!(compare(0x0123_4567_89AB_CDEF, rounds, signal), rounds);
 }

@@ -9,6 +9,7 @@ use rsemu::cpu::arm::v7m::isa::{
     Size,
 };
 
+use super::dsp::is_signal;
 use super::execute::PRIMASK;
 use super::micro::Op;
 
@@ -214,6 +215,19 @@ fn special(insn: &Insn, place: Place<'_>) -> Option<Op> {
             n: rn,
             m: rm,
         },
+        Insn::MulLong {
+            rdlo,
+            rdhi,
+            rn,
+            rm,
+            umaal: true,
+            ..
+        } if all_plain(&[rdlo, rdhi, rn, rm]) => Op::Umaal {
+            low: rdlo,
+            high: rdhi,
+            n: rn,
+            m: rm,
+        },
         Insn::Extend {
             op,
             rd,
@@ -291,15 +305,11 @@ fn special(insn: &Insn, place: Place<'_>) -> Option<Op> {
         Insn::ShiftReg { rd, rn, rm, .. } if all_plain(&[rd, rn, rm]) => Op::Plain,
         Insn::Mul { rd, rn, rm, ra, .. } if all_plain(&[rd, rn, rm, ra.unwrap_or(0)]) => Op::Plain,
         Insn::MulLong {
-            rdlo,
-            rdhi,
-            rn,
-            rm,
-            umaal: false,
-            ..
+            rdlo, rdhi, rn, rm, ..
         } if all_plain(&[rdlo, rdhi, rn, rm]) => Op::Plain,
         Insn::Div { rd, rn, rm, .. } if all_plain(&[rd, rn, rm]) => Op::Plain,
         Insn::Misc { rd, rm, .. } if all_plain(&[rd, rm]) => Op::Plain,
+        _ if is_signal(insn) => Op::Plain,
         Insn::Fp(insn) if !insn.needs_v5() => float(insn, place).unwrap_or(Op::Float),
         _ => return None,
     })
