@@ -174,22 +174,34 @@ fn any_json() -> impl Strategy<Value = Value> {
     })
 }
 
-/// Every place in a message.
-fn pointers(value: &Value, at: &str, found: &mut Vec<String>) {
-    found.push(at.to_owned());
-    match value {
-        Value::Array(items) => {
-            for (index, item) in items.iter().enumerate() {
-                pointers(item, &format!("{at}/{index}"), found);
-            }
-        }
-        Value::Object(fields) => {
-            for (key, item) in fields {
-                pointers(item, &format!("{at}/{key}"), found);
-            }
-        }
-        _ => {}
+/// The values in a value, itself among them.
+fn count(value: &Value) -> usize {
+    let inside: usize = match value {
+        Value::Array(items) => items.iter().map(count).sum(),
+        Value::Object(fields) => fields.values().map(count).sum(),
+        _ => 0,
+    };
+    1 + inside
+}
+
+/// One of those, by its number from 0; past the last one what is left of the number.
+fn place_mut(value: &mut Value, mut number: usize) -> Result<&mut Value, usize> {
+    if number == 0 {
+        return Ok(value);
     }
+    number -= 1;
+    let inside: Box<dyn Iterator<Item = &mut Value>> = match value {
+        Value::Array(items) => Box::new(items.iter_mut()),
+        Value::Object(fields) => Box::new(fields.values_mut()),
+        _ => return Err(number),
+    };
+    for item in inside {
+        match place_mut(item, number) {
+            Err(left) => number = left,
+            found => return found,
+        }
+    }
+    Err(number)
 }
 
 proptest! {
@@ -220,10 +232,8 @@ proptest! {
         message["actions"] = json!([{"actionId": "i", "actionType": "initPosition",
             "blockingType": "NONE", "actionParameters": [{"key": "x", "value": 1}]}]);
         for (place, value) in places {
-            let mut all = Vec::new();
-            pointers(&message, "", &mut all);
-            let place: &String = place.get(&all[..]);
-            *message.pointer_mut(place).unwrap() = value;
+            let number = place.index(count(&message));
+            *place_mut(&mut message, number).unwrap() = value;
         }
         let topic = if instant { Topic::InstantActions } else { Topic::Order };
         vehicle.receive(topic, message.to_string().as_bytes(), 2_000);
