@@ -1,10 +1,11 @@
 //! What `cargo xtask` starts: it builds and runs the tasks, and builds the firmware at the same
 //! time for those tasks that need it.
 //!
-//! The last part of the firmware's build uses one core for half a minute. On a fresh clone it runs
-//! beside the build of the tasks, which takes longer, instead of after it. The two share no build
-//! folder, so neither waits for the other's lock. The firmware's build here says nothing and may
-//! fail: the task runs the same build again, finds it done, and reports what went wrong otherwise.
+//! The last part of the firmware's build uses one core for half a minute, and so does that of the
+//! tasks. On a fresh clone they run beside each other instead of one after the other; the tests
+//! have another board's image built meanwhile. The two share no build folder, so neither waits for
+//! the other's lock. The firmware's build here says nothing and may fail: the task runs the same
+//! build again, finds it done, and reports what went wrong otherwise.
 
 #[path = "../../src/environment.rs"]
 mod environment;
@@ -41,9 +42,10 @@ fn cargo(root: &Path) -> Command {
     command
 }
 
-/// Starts the build of the firmware, as `xtask/src/firmware.rs` runs it.
-fn start_firmware(root: &Path) -> Option<Child> {
-    cargo(root)
+/// A build of the firmware, as `xtask/src/firmware.rs` runs it.
+fn firmware(root: &Path) -> Command {
+    let mut command = cargo(root);
+    command
         .args([
             "build",
             "--quiet",
@@ -55,9 +57,20 @@ fn start_firmware(root: &Path) -> Option<Child> {
         .env_remove("OMNIBUS_TICK_US")
         .stdin(Stdio::null())
         .stdout(Stdio::null())
-        .stderr(Stdio::null())
-        .spawn()
-        .ok()
+        .stderr(Stdio::null());
+    command
+}
+
+/// Board C's image, which the tests need, too.
+fn board_c(root: &Path, target: &Path) -> Command {
+    const BOARD: &str = "board-robomaster-c";
+    let mut command = firmware(root);
+    command
+        .args(["--no-default-features", "--features", BOARD])
+        .env("CARGO_BUILD_BUILD_DIR", target)
+        .arg("--target-dir")
+        .arg(target.join("variants").join(BOARD));
+    command
 }
 
 /// The tasks' own build and start. Where everything else is built next, they are built as a part of
@@ -100,13 +113,19 @@ fn main() -> ExitCode {
     let target = env::var_os("CARGO_TARGET_DIR").map_or_else(|| root.join("target"), PathBuf::from);
     let arguments: Vec<String> = env::args().skip(1).collect();
 
-    let firmware = needs_image(&arguments)
-        .then(|| start_firmware(root))
-        .flatten();
+    let mut images = Vec::new();
+    if needs_image(&arguments) {
+        images.push(firmware(root));
+        if arguments == ["test"] {
+            images.push(board_c(root, &target));
+        }
+    }
+    let images = images.iter_mut().map(Command::spawn);
+    let images: Vec<Child> = images.filter_map(Result::ok).collect();
     let status = tasks(root, &target, &arguments);
 
     // A task that ended early, say because of a wrong option, does not leave a build behind.
-    if let Some(mut build) = firmware {
+    for mut build in images {
         let _ = build.kill();
         let _ = build.wait();
     }
