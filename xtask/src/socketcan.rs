@@ -300,9 +300,9 @@ fn boot(kernel: &Path, disk: &Path, cable: &Path) -> anyhow::Result<()> {
         })
         .context("the kernel package has no vmlinuz")?;
     let mut guest = Command::new("qemu-system-x86_64")
-        // The guest's clock counts its instructions, one a nanosecond, and skips what the guest waits
-        // for: a host with other work to do, or that stops for a while, makes the test last longer,
-        // and nothing in the guest is late for it.
+        // The guest's clock counts its instructions, one a nanosecond, and skips what the guest
+        // waits for: a host with other work to do, or that stops for a while, makes the test last
+        // longer, and nothing in the guest is late for it.
         .args(["-accel", "tcg,thread=single", "-smp", "1", "-m", "512"])
         .args(["-icount", "shift=0,sleep=off", "-rtc", "clock=vm"])
         .args([

@@ -96,7 +96,7 @@ fn signal(random: &mut Random) -> [u32; 2] {
     let [n, m, d, high] = [(); 4].map(|()| random.of(13));
     let second = second | random.next() & free;
     let registers = match first {
-        0xFBE0 => high << 12 | (high + 1) % 13 << 8 | m,
+        0xFBE0 => high << 12 | ((high + 1) % 13) << 8 | m,
         0xF300..0xF400 => d << 8,
         _ => d << 8 | m,
     };
