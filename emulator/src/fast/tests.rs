@@ -251,8 +251,7 @@ fn random_instructions_do_what_the_reference_core_does() {
     assert!(instructions > 30_000, "only {instructions} were compared");
 }
 
-/// All of them are the fast path's, so none is left to the slower core. Words hold the bits of
-/// either half at random, so that half of the sums are beyond 32 bits.
+/// All of them are the fast path's: none is left to the slower core.
 #[test]
 fn saturation_and_signal_instructions_do_what_the_reference_core_does() {
     let rounds = 20_000;
