@@ -17,7 +17,8 @@ LATE = 0.004
 """Seconds; a setpoint has less than this until its SYNC."""
 ATTEMPTS = 4
 
-WATCH = """
+# A line is one write: the processes of all processors share the file, and `print` may write its parts one by one.
+WATCH = r"""
 import os, sys, time
 os.sched_setaffinity(0, {int(sys.argv[1])})
 parent, last = os.getppid(), time.monotonic()
@@ -25,7 +26,7 @@ while os.getppid() == parent:
     time.sleep(0.001)
     now = time.monotonic()
     if now - last > float(sys.argv[2]):
-        print(now, now - last, flush=True)
+        os.write(1, b"%f %f\n" % (now, now - last))
     last = now
 """
 
