@@ -35,9 +35,16 @@ while os.getppid() == parent:
 def watched():
     """The file in which every lateness of every processor is written from now on."""
     file = tempfile.NamedTemporaryFile("w+", prefix="omnibus-late-")
-    for processor in os.sched_getaffinity(0):
-        subprocess.Popen([sys.executable, "-c", WATCH, str(processor), str(LATE)], stdout=file, close_fds=True)
+    watch(file, LATE)
     return file
+
+
+def watch(file, limit):
+    """Has a process on each processor write into a file when it is late by more than so many seconds."""
+    return [
+        subprocess.Popen([sys.executable, "-c", WATCH, str(processor), str(limit)], stdout=file, close_fds=True)
+        for processor in os.sched_getaffinity(0)
+    ]
 
 
 def worst_since(began):

@@ -131,7 +131,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         robots.push(batch(&["test_robot", "test_dictionary"], "emulator", true));
     }
     // Reads what those before it have logged.
-    robots.push(batch(&["test_log"], "logs", false));
+    robots.push(batch(&["test_log", "test_real_time"], "logs", false));
     let patient = |files: &[&str], backend: &str| {
         let name = format!("{backend}: {}", files.join(", "));
         Program::new(name, python_tests(yielding(), files, backend))
