@@ -1,21 +1,21 @@
 #!/bin/sh
-# What the guest does: native robots on vcan0, and everybody talks to them through it. Arguments:
-# the simulator, the master, the root of the workspace. Any command that fails ends it; what was
-# said until then is on the console. The fourth argument is a serial port, at which an emulated
-# robot is that runs outside of the guest.
+# What the guest does: native robots on vcan0, and everybody talks to them through it; then an
+# emulated robot at a cable of its own. Arguments: the simulator, the master, the root of the
+# workspace, the release image. Any command that fails ends it; what was said until then is on the
+# console.
 set -eu
-sim=$1 omnibus=$2 root=$3 cable=$4
+sim=$1 omnibus=$2 root=$3 elf=$4
 cd /mnt
 group=$root/groups/tcc-2.toml
-# Reading a file from the host takes real time, which the guest's clock counts: what is needed is
-# read beforehand.
-cat "$sim" "$omnibus" >/dev/null
+# A guest that waits for a file of the host's skips time, and robots would miss what was due in it:
+# what is needed is read beforehand.
+cat "$sim" "$omnibus" "$elf" >/dev/null
 
 # What was said last, when something fails.
 at_exit() {
     code=$?
     if [ $code -ne 0 ]; then
-        for file in sim.out sim.log can.log robot.log; do
+        for file in sim.out sim.log can.log robot.out robot.log; do
             echo "-- the end of $file:"
             tail -n 25 "$file"
         done
@@ -95,14 +95,13 @@ wait_for ' 603#4000100000000000$' can.log
 kill $adapter
 wait $adapter || true
 
-# The firmware's own slcan: a robot at a serial port of this machine, and nothing of ours between it
-# and can-utils. The port is a 16550A, whose fastest rate is 115 200 baud.
+# The firmware's own slcan, and nothing of ours between it and can-utils.
 say "slcand on the cable of an emulated robot"
-# The robot's clock is the host's. A guest with nothing to do skips what it waits for, and would not
-# give the robot the time to answer: so it has something to do.
-nice -n 19 busybox sh -c 'while :; do :; done' &
-busy=$!
-slcand -F -o -c -s8 -S 115200 "$cable" robot0 &
+"$sim" serve "$root/groups/single.toml" --backend emulator --elf "$elf" --cable /dev/omnibus-robot \
+    >robot.out 2>&1 &
+robot=$!
+wait_for '^serving' robot.out
+slcand -F -o -c -s8 /dev/omnibus-robot robot0 &
 adapter=$!
 bring_up robot0
 candump -L robot0 >robot.log &
@@ -140,9 +139,10 @@ wait_for ' 082#17FF' robot.log
 # What the cable has lost so far (0x2131:1): nothing.
 request 'lost to the cable' 602#4031210100000000 '43 31 21 01 00 00 00 00'
 kill $robot_logger
-kill $busy
 kill $adapter
 wait $adapter || true
+kill -INT $robot
+wait $robot
 
 # The same terminal, opened by the master itself.
 say "omnibus scan on the pseudo terminal"

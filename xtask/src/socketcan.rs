@@ -6,18 +6,16 @@
 //! `tests/socketcan/init`; everything else comes from the host's file system, read-only over 9p. It
 //! brings up vcan0 and runs `tests/socketcan/guest.sh`.
 //!
-//! Beside it the host runs the release image on an emulated board, whose cable is the guest's
-//! second serial port: the kernel's own slcan talks to the firmware. What this cannot show is the
-//! baud rate: the port is a 16550A at 115 200 baud, the fastest of the guest's, and a pseudo
-//! terminal has none; the firmware's end of the line is at 1 Mbaud. Both ends run on clocks of
-//! their own (the guest counts instructions), so no timing is tested here.
+//! Beside them it runs the release image on an emulated board: the kernel's own slcan talks to the
+//! firmware at a pseudo terminal. A pseudo terminal has no baud rate, so nothing of it is tested
+//! here.
 //!
 //! The kernel comes from Debian's archive by `apt-get download`, which needs no root rights, and is
 //! unpacked under `target/`.
 
 use std::io::{BufRead as _, BufReader, Write as _};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::{Command, Stdio};
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
@@ -59,8 +57,6 @@ const MODULES: &[&str] = &[
 const PATIENCE: Duration = Duration::from_secs(600);
 /// What the guest says when the test has held.
 const PASSED: &str = "guest: exit 0";
-/// The guest's name for its second serial port.
-const CABLE_IN_GUEST: &str = "/dev/ttyS1";
 
 /// Builds what is needed, boots, and judges.
 pub fn run() -> anyhow::Result<()> {
@@ -78,7 +74,7 @@ pub fn run() -> anyhow::Result<()> {
         built.join("omnibus-sim"),
         built.join("omnibus"),
         cargo::root(),
-        PathBuf::from(CABLE_IN_GUEST),
+        elf,
     ]
     .iter()
     .map(|part| quoted(part))
@@ -88,49 +84,7 @@ pub fn run() -> anyhow::Result<()> {
     ram_disk(&kernel, &tests.join("init"), &command)
         .and_then(|bytes| Ok(std::fs::write(&disk, bytes)?))
         .with_context(|| format!("cannot make {}", disk.display()))?;
-    let robot = Robot::serve(&built.join("omnibus-sim"), &elf, &folder.join("cable"))?;
-    boot(&kernel, &disk, &robot.cable)
-}
-
-/// An emulated robot on this machine, until it is dropped.
-struct Robot {
-    process: Child,
-    /// The terminal of its serial port.
-    cable: PathBuf,
-}
-
-impl Robot {
-    fn serve(simulator: &Path, elf: &Path, cable: &Path) -> anyhow::Result<Self> {
-        let mut process = Command::new(simulator)
-            .arg("serve")
-            .arg(cargo::root().join("groups/single.toml"))
-            .args(["--backend", "emulator", "--elf"])
-            .arg(elf)
-            .arg("--cable")
-            .arg(cable)
-            .stdout(Stdio::piped())
-            .spawn()
-            .with_context(|| format!("cannot start {}", simulator.display()))?;
-        let output = process.stdout.take();
-        let robot = Self {
-            process,
-            cable: cable.to_owned(),
-        };
-        let lines = BufReader::new(output.context("the simulator has no output")?).lines();
-        let mut lines = lines.map_while(Result::ok);
-        if !lines.any(|line| line.starts_with("serving")) {
-            bail!("the simulator does not serve the robot; its output is above");
-        }
-        Ok(robot)
-    }
-}
-
-impl Drop for Robot {
-    fn drop(&mut self) {
-        // One that has ended by itself is no trouble.
-        self.process.kill().ok();
-        self.process.wait().ok();
-    }
+    boot(&kernel, &disk)
 }
 
 /// Names what the system lacks.
@@ -289,9 +243,8 @@ impl Archive {
     }
 }
 
-/// Boots with this terminal as the second serial port, passes on what the guest says, and judges by
-/// its last word.
-fn boot(kernel: &Path, disk: &Path, cable: &Path) -> anyhow::Result<()> {
+/// Boots, passes on what the guest says, and judges by its last word.
+fn boot(kernel: &Path, disk: &Path) -> anyhow::Result<()> {
     let image = files(&kernel.join("boot"))?
         .into_iter()
         .find(|path| {
@@ -313,9 +266,7 @@ fn boot(kernel: &Path, disk: &Path, cable: &Path) -> anyhow::Result<()> {
             "none",
         ])
         .args(["-append", "console=ttyS0 quiet panic=-1"])
-        .args(["-serial", "stdio", "-serial", "chardev:cable"])
-        .arg("-chardev")
-        .arg(format!("serial,id=cable,path={}", cable.display()))
+        .args(["-serial", "stdio"])
         .args([
             "-virtfs",
             "local,path=/,mount_tag=host,security_model=none,readonly=on,multidevs=remap",
