@@ -31,32 +31,21 @@ fn coefficients(outcome: &Outcome) -> Vec<(&'static str, Way, Row)> {
 pub fn show(calibration: &Calibration) -> anyhow::Result<()> {
     for outcome in &calibration.outcomes {
         print_line(format!(
-            "Coefficients of {}, version {}",
+            "Coefficients of {}, version {}, with intervals of 95 %",
             omnibus::report::nodes(&outcome.nodes),
             calibration.version
         ))?;
-        let mut table = crate::cli::output::table([
-            "motion",
-            "speed",
-            "axis",
-            "coefficient",
-            "95 %",
-            "residual",
-            "used",
-            "out",
-        ]);
+        let columns = ["motion", "axis", "coefficient", "residual", "used"];
+        let mut table = crate::cli::output::table(columns);
         for (axis, way, row) in coefficients(outcome) {
             let half = (row.fit.interval.1 - row.fit.interval.0) / 2.0;
             let milli = if way == Way::Turn { "mrad/s" } else { "mm/s" };
             table.add_row([
-                way.name().to_owned(),
-                format!("{} {}", row.speed, way.unit()),
+                format!("{} {} {}", way.name(), row.speed, way.unit()),
                 axis.to_owned(),
-                format!("{:.4}", row.fit.coefficient),
-                format!("± {half:.4}"),
+                format!("{:.4} ± {half:.4}", row.fit.coefficient),
                 format!("{:.2} {milli}", row.fit.residual * 1e3),
-                row.fit.used.to_string(),
-                row.fit.rejected.to_string(),
+                format!("{} of {}", row.fit.used, row.fit.used + row.fit.rejected),
             ]);
         }
         print_line(&table)?;
