@@ -57,6 +57,10 @@ The yaw rate of MeasuredTwist is that of the wheels on every robot, because memb
 heading of Pose is that of the gyro where one is used. Only robots with a gyro send YawRate; on
 others bit 31 of 0x1804:1 switches it off. Remote frames are not answered; bit 30 of a PDO's
 identifier reads as it was written.
+
+A master may have a robot's PDO at every n-th SYNC (sub-index 2 of 0x1800 to 0x1804: types 1 to 240)
+or as often as its event timer says (254 or 255, sub-index 5). Nothing else triggers one: of type 0
+none is sent, and of 254 or 255 without a timer one after each NMT start.
 ";
 
 const FAULTS: &str = "\

@@ -3,7 +3,7 @@
 use canopen::{NmtCommand, NmtState};
 use kinematics::Twist;
 use protocol::address as at;
-use protocol::{Code, Fault, MemberState, Value};
+use protocol::{Address, Code, Fault, MemberState, Value, cob};
 
 use super::world::{GROUP, World, configuration};
 use crate::Hardware;
@@ -398,5 +398,25 @@ fn every_limit_is_tried_from_both_sides() {
                 assert_eq!(world.read(5, object.address), Ok(limit.to_bits()), "{name}");
             }
         }
+    }
+}
+
+/// In 300 ms there are 30 SYNCs, and a timer of 50 ms runs out five times after the pose that
+/// follows the start.
+#[test]
+fn the_pose_is_sent_as_its_transmission_type_says() {
+    const TYPE: Address = Address::new(0x1802, 2);
+    const TIMER: Address = Address::new(0x1802, 5);
+    for (kind, timer_ms, sent) in [(0, 0, 0), (1, 0, 30), (3, 0, 10), (254, 0, 1), (255, 50, 6)] {
+        let mut world = World::new(&[2]);
+        world.configure();
+        world.write(2, TYPE, Value::U8(kind)).unwrap();
+        world.write(2, TIMER, Value::U16(timer_ms)).unwrap();
+        let before = world.log.len();
+        world.start();
+        world.run(300);
+        let since = world.log.iter().skip(before);
+        let poses = since.filter(|(_, frame)| frame.id() == cob::pose(2));
+        assert_eq!(poses.count(), sent, "type {kind}");
     }
 }
