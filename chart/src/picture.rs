@@ -127,16 +127,17 @@ impl Chart {
         let mut out = Vec::with_capacity(buffer.len() / (block * block));
         for rows in buffer.chunks_exact(width * 3 * block) {
             for column in 0..width / block {
-                for colour in 0..3 {
-                    let mut sum = 0;
-                    for row in rows.chunks_exact(width * 3) {
-                        let from = column * block * 3;
-                        let pixels = row[from..from + block * 3].iter().skip(colour).step_by(3);
-                        sum += pixels.map(|value| u32::from(*value)).sum::<u32>();
+                let mut sums = [0; 3];
+                for row in rows.chunks_exact(width * 3) {
+                    let from = column * block * 3;
+                    for pixel in row[from..from + block * 3].chunks_exact(3) {
+                        for (sum, value) in sums.iter_mut().zip(pixel) {
+                            *sum += u32::from(*value);
+                        }
                     }
-                    // A mean of bytes is a byte.
-                    out.push(u8::try_from(sum / (BLOCK * BLOCK)).unwrap_or(u8::MAX));
                 }
+                // A mean of bytes is a byte.
+                out.extend(sums.map(|sum| u8::try_from(sum / (BLOCK * BLOCK)).unwrap_or(u8::MAX)));
             }
         }
         Ok(out)
