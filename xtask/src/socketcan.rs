@@ -53,7 +53,7 @@ const MODULES: &[&str] = &[
     "vcan",
     "slcan",
 ];
-/// Longest run. It takes a quarter of a minute on a machine with nothing else to do.
+/// Longest run. It takes some half a minute on a machine with nothing else to do.
 const PATIENCE: Duration = Duration::from_secs(600);
 /// What the guest says when the test has held.
 const PASSED: &str = "guest: exit 0";
