@@ -70,6 +70,26 @@ impl Four {
         Self([lane(0), lane(1), lane(2), lane(3)])
     }
 
+    /// The lanes of `then` where this equals the other, elsewhere 0.
+    #[inline(always)]
+    pub fn where_equal(self, other: Self, then: Self) -> Self {
+        let lane = |n: usize| {
+            let mask = u64::from(self.0[n] == other.0[n]).wrapping_neg();
+            f64::from_bits(then.0[n].to_bits() & mask)
+        };
+        Self([lane(0), lane(1), lane(2), lane(3)])
+    }
+
+    /// Whether the two of each pair have the same signs.
+    #[inline(always)]
+    pub fn same_signs(pairs: [(Self, Self); 2]) -> bool {
+        let lane = |n: usize| {
+            let [a, b] = pairs.map(|(a, b)| a.0[n].to_bits() ^ b.0[n].to_bits());
+            a | b
+        };
+        (lane(0) | lane(1) | lane(2) | lane(3)) >> 63 == 0
+    }
+
     #[inline(always)]
     pub fn min(self, most: Self) -> Self {
         self.zip(most, |a, b| if a < b { a } else { b })

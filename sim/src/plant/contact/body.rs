@@ -79,7 +79,7 @@ impl Body {
             inertia += contact.mass * ((w * w + h * h) / 3.0 + x * x + y * y);
             robots.push(Wheels::of(contact, part, (x, y)));
         }
-        share_load(&mut robots, mass * GRAVITY)?;
+        share_load(&mut robots, mass * GRAVITY, contact.friction)?;
         Ok(Self {
             pushes: vec![Pushes::NONE; 2 * robots.len()],
             touches: 0,
@@ -136,18 +136,16 @@ impl Body {
         let most = self.pushes.len();
         let mut pushes = self.pushes.iter_mut();
         for wheels in &mut self.robots {
-            let friction = if self.floor.is_empty() {
-                Four::all(self.friction)
-            } else {
-                Four::from_fn(|n| {
+            if !self.floor.is_empty() {
+                wheels.rub(Four::from_fn(|n| {
                     let x = self.pose.x + cos * wheels.x.0[n] - sin * wheels.y.0[n];
                     let y = self.pose.y + sin * wheels.x.0[n] + cos * wheels.y.0[n];
                     friction_at(&self.floor, x, y).unwrap_or(self.friction)
-                })
-            };
+                }));
+            }
             let rates = Four(turned[wheels.robot]) * per_dt;
             let stand = &stands[wheels.robot];
-            wheels.stand(stand, rates, friction, dt, &mut pushes);
+            wheels.stand(stand, rates, dt, &mut pushes);
         }
         self.touches = most - pushes.len();
         let [vx, vy, omega] = self.velocity;
@@ -217,9 +215,9 @@ fn friction_at(floor: &[Patch], x: f64, y: f64) -> Option<f64> {
     floor.iter().rev().find(holds).map(|patch| patch.friction)
 }
 
-/// Shares a weight whose centre is the origin among wheels as equal springs under a rigid body do:
-/// `a + b x + c y` each.
-fn share_load(robots: &mut [Wheels], weight: f64) -> Result<(), SimError> {
+/// Shares a weight whose centre is the origin among wheels on a floor with this friction as equal
+/// springs under a rigid body do: `a + b x + c y` each.
+fn share_load(robots: &mut [Wheels], weight: f64, friction: f64) -> Result<(), SimError> {
     let mut sums = [[0.0; 3]; 3];
     for wheels in robots.iter() {
         let row = [Four::ONE, wheels.x, wheels.y];
@@ -231,19 +229,15 @@ fn share_load(robots: &mut [Wheels], weight: f64) -> Result<(), SimError> {
     }
     let [a, b, c] = solve(sums, [weight, 0.0, 0.0]);
     for wheels in robots {
-        wheels.load = Four::all(a) + wheels.x * b + wheels.y * c;
-        if wheels
-            .load
-            .0
-            .iter()
-            .any(|load| load.is_nan() || *load <= 0.0)
-        {
+        let load = Four::all(a) + wheels.x * b + wheels.y * c;
+        if load.0.iter().any(|load| load.is_nan() || *load <= 0.0) {
             return Err(SimError::Plant {
                 problem: "simulation.payload: tips the group over; put it between the wheels, or \
                           make it lighter"
                     .to_owned(),
             });
         }
+        wheels.carry(load, friction);
     }
     Ok(())
 }
@@ -323,15 +317,8 @@ impl Push {
     /// Whether friction is below its limit, or at which of the two it is, alike at two velocities.
     #[inline(always)]
     fn as_limited(&self, a: [f64; 3], b: [f64; 3]) -> bool {
-        self.end(a).is(self.end(b))
-    }
-
-    /// At which end of its range friction is: 1, -1, or 0 between them.
-    #[inline(always)]
-    fn end(&self, v: [f64; 3]) -> Four {
-        let wanted = self.wanted(v);
-        let lowest = (-self.limit - wanted).where_positive(-Four::ONE, Four::ZERO);
-        (wanted - self.limit).where_positive(Four::ONE, lowest)
+        let (a, b, limit) = (self.wanted(a), self.wanted(b), self.limit);
+        Four::same_signs([(limit - a, limit - b), (limit + a, limit + b)])
     }
 }
 
@@ -387,7 +374,7 @@ impl Derivatives {
     fn add(&mut self, push: &Push, v: [f64; 3]) {
         let force = push.wanted(v);
         let held = push.held(force);
-        let stiffness = (force.abs() - push.limit).where_positive(Four::ZERO, push.stiffness);
+        let stiffness = held.where_equal(force, push.stiffness);
         let [x, y, turn] = push.row;
         let [a, b, c] = [x * held, y * held, turn * held];
         let (dx, dy, dturn) = (stiffness * x, stiffness * y, stiffness * turn);

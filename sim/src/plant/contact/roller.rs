@@ -160,34 +160,35 @@ impl Rollers {
 
     #[inline(never)]
     fn change(&mut self, down: [Four; 2], drag: Four) {
-        if let Some(before) = self.down.replace(down) {
-            // The first last: it is the one that counts where both are the same.
-            for (turning, before) in self.turning.iter().zip(before).rev() {
-                for (wheel, rate) in turning.rate.0.into_iter().enumerate() {
-                    self.each[before.0[wheel] as usize][wheel].rate = rate;
-                }
-            }
-        }
+        let before = self.down.replace(down);
         let middle = self.shape.radius(Four::ONE);
         let slowing = drag * middle * middle / self.inertia;
-        for (number, rollers) in self.each.iter_mut().enumerate() {
-            for (wheel, (roller, slowing)) in rollers.iter_mut().zip(slowing.0).enumerate() {
-                let is_down = down.iter().any(|down| down.0[wheel] as usize == number);
-                match roller.left {
-                    None if !is_down => roller.left = Some(self.now),
-                    Some(left) if is_down => {
-                        // Without inertia it is infinite, or no number without drag.
-                        if slowing.is_finite() {
-                            roller.rate *= libm::exp(slowing * (left - self.now));
-                        }
-                        roller.left = None;
+        for (wheel, slowing) in slowing.0.into_iter().enumerate() {
+            let numbers = |of: [Four; 2]| of.map(|down| down.0[wheel] as usize);
+            let down = numbers(down);
+            if let Some(before) = before.map(numbers) {
+                if before == down {
+                    continue;
+                }
+                // The first last: it is the one that counts where both are the same.
+                for (turning, number) in self.turning.iter().zip(before).rev() {
+                    let roller = &mut self.each[number][wheel];
+                    roller.rate = turning.rate.0[wheel];
+                    if !down.contains(&number) {
+                        roller.left = Some(self.now);
                     }
-                    _ => {}
                 }
             }
-        }
-        for (turning, down) in self.turning.iter_mut().zip(down) {
-            turning.rate = Four::from_fn(|wheel| self.each[down.0[wheel] as usize][wheel].rate);
+            for (turning, number) in self.turning.iter_mut().zip(down) {
+                let roller = &mut self.each[number][wheel];
+                // Without inertia it is infinite, or no number without drag.
+                if let Some(left) = roller.left.take()
+                    && slowing.is_finite()
+                {
+                    roller.rate *= libm::exp(slowing * (left - self.now));
+                }
+                turning.rate.0[wheel] = roller.rate;
+            }
         }
     }
 

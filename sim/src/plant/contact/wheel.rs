@@ -52,12 +52,17 @@ pub(super) struct Wheels {
     cos: f64,
     /// Rolling radius, settled, m.
     radius: Four,
-    /// 1 over the slip velocity at which friction is fully developed, s/m.
+    /// 1 over the slip velocity at which friction is fully developed, s/m; finite, so that a wheel
+    /// without load has no friction.
     per_creep: f64,
     /// Force across a roller's axle over load and velocity, s/m.
     damping: f64,
     /// What they carry, N.
-    pub load: Four,
+    load: Four,
+    /// Under all of the load: the largest force, N, and force across a roller's axle over velocity,
+    /// N s/m.
+    limit: Four,
+    drag: Four,
     rollers: Rollers,
     /// What the floor did to them in the last step, N·m, if that turns them.
     pub torques: Four,
@@ -119,7 +124,11 @@ impl Underside {
         Stand {
             down: [first.roller, other.as_ref().unwrap_or(&first).roller],
             first: self.touch(&first),
-            other: other.map(|foot| self.touch(&foot)),
+            // Not `map`, which is not always inlined, and so made without vectors.
+            other: match &other {
+                Some(foot) => Some(self.touch(foot)),
+                None => None,
+            },
         }
     }
 
@@ -153,13 +162,28 @@ impl Wheels {
             sin,
             cos,
             radius: Four(part.wheels.map(|wheel| wheel.radius())) * (1.0 - contact.settling),
-            per_creep: 1.0 / contact.creep,
+            per_creep: (1.0 / contact.creep).min(f64::MAX),
             damping: contact.roller_damping,
             load: Four::ZERO,
+            limit: Four::ZERO,
+            drag: Four::ZERO,
             rollers: Rollers::new(contact, &part.wheels),
             torques: Four::ZERO,
             inertia: contact.wheel_inertia,
         }
+    }
+
+    /// From now on they carry a load, N, on a floor with this friction.
+    pub fn carry(&mut self, load: Four, friction: f64) {
+        self.load = load;
+        self.drag = load * self.damping;
+        self.rub(Four::all(friction));
+    }
+
+    /// From now on this is the friction under each.
+    #[inline(always)]
+    pub fn rub(&mut self, friction: Four) {
+        self.limit = friction * self.load;
     }
 
     /// Stands on these rollers with wheels that turn at `rates`, and puts into the next of `pushes`
@@ -169,39 +193,32 @@ impl Wheels {
         &mut self,
         stand: &Stand,
         rates: Four,
-        friction: Four,
         dt: f64,
         pushes: &mut impl Iterator<Item = &'a mut Pushes>,
     ) {
-        self.rollers.stand_on(stand.down, self.load * self.damping);
+        self.rollers.stand_on(stand.down, self.drag);
         if let Some(pushes) = pushes.next() {
-            *pushes = self.pushes(0, &stand.first, rates, friction, dt);
+            *pushes = self.pushes(0, &stand.first, rates, dt);
         }
         if let Some(other) = &stand.other
             && let Some(pushes) = pushes.next()
         {
-            *pushes = self.pushes(1, other, rates, friction, dt);
+            *pushes = self.pushes(1, other, rates, dt);
         }
     }
 
     #[inline(always)]
-    fn pushes(
-        &mut self,
-        which: usize,
-        touch: &Touch,
-        rates: Four,
-        friction: Four,
-        dt: f64,
-    ) -> Pushes {
+    fn pushes(&mut self, which: usize, touch: &Touch, rates: Four, dt: f64) -> Pushes {
         let Touch {
             grip, ahead, left, ..
         } = *touch;
         let x = self.x - touch.along * self.sin;
         let y = self.y + touch.along * self.cos;
-        let limit = friction * self.load * grip.share;
+        let limit = self.limit * grip.share;
         let creeping = (limit * self.per_creep).min(Four::all(STIFFEST));
-        let drag = self.load * self.damping;
-        let (rest, resistance) = self.rollers.resistance(which, &grip, creeping, drag, dt);
+        let (rest, resistance) = self
+            .rollers
+            .resistance(which, &grip, creeping, self.drag, dt);
         let dx = ahead * self.cos - left * self.sin;
         let dy = ahead * self.sin + left * self.cos;
         let levers = self.levers(touch);
@@ -230,8 +247,9 @@ impl Wheels {
         if let Some(inertia) = self.inertia {
             let gives = lever * lever * dt / (share * inertia);
             stiffness = stiffness / (Four::ONE + stiffness * gives);
+            stiffness = share.where_positive(stiffness, Four::ZERO);
         }
-        share.where_positive(stiffness, Four::ZERO)
+        stiffness
     }
 
     /// Turns the rollers on the floor by what it did to each in a step of `dt`: the next of
@@ -245,18 +263,26 @@ impl Wheels {
         dt: f64,
     ) {
         self.torques = Four::ZERO;
-        let touches = [Some(&stand.first), stand.other.as_ref()];
-        for (which, touch) in touches.into_iter().flatten().enumerate() {
-            let Some(pushes) = pushes.next() else { break };
-            let [along, across] = pushes.each();
-            let force = across.force(velocity);
-            self.rollers.turn(which, force);
-            if self.inertia.is_some() {
-                let [ahead, left] = self.levers(touch);
-                self.torques = self.torques + (ahead * along.force(velocity) + left * force);
-            }
+        if let Some(pushes) = pushes.next() {
+            self.turn_each(0, &stand.first, pushes, velocity);
+        }
+        if let Some(other) = &stand.other
+            && let Some(pushes) = pushes.next()
+        {
+            self.turn_each(1, other, pushes, velocity);
         }
         self.rollers.pass(dt);
+    }
+
+    #[inline(always)]
+    fn turn_each(&mut self, which: usize, touch: &Touch, pushes: &Pushes, velocity: [f64; 3]) {
+        let [along, across] = pushes.each();
+        let force = across.force(velocity);
+        self.rollers.turn(which, force);
+        if self.inertia.is_some() {
+            let [ahead, left] = self.levers(touch);
+            self.torques = self.torques + (ahead * along.force(velocity) + left * force);
+        }
     }
 }
 
