@@ -6,7 +6,7 @@
 
 use std::collections::HashMap;
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use addr2line::gimli;
 use defmt_decoder::{Locations, Table};
@@ -74,7 +74,9 @@ struct Image {
     functions: Vec<Symbol>,
     variables: HashMap<String, Symbol>,
     table: Option<Table>,
-    locations: Locations,
+    /// Where the log's statements are: they are looked for in the whole of the debug information,
+    /// and most runs never read the log.
+    locations: OnceLock<Locations>,
 }
 
 /// A firmware image, shared by all boards that run it.
@@ -161,10 +163,6 @@ impl Firmware {
 
         let bad_table = |error: &dyn std::fmt::Display| LoadError::Defmt(error.to_string());
         let table = Table::parse(&elf).map_err(|error| bad_table(&error))?;
-        let locations = match &table {
-            Some(table) if DEBUG_INFO => table.get_locations(&elf).unwrap_or_default(),
-            _ => Locations::new(),
-        };
         drop(file);
         Ok(Self {
             image: Arc::new(Image {
@@ -174,7 +172,7 @@ impl Firmware {
                 functions,
                 variables,
                 table,
-                locations,
+                locations: OnceLock::new(),
             }),
         })
     }
@@ -214,7 +212,7 @@ impl Firmware {
                 functions: Vec::new(),
                 variables: HashMap::new(),
                 table: None,
-                locations: Locations::new(),
+                locations: OnceLock::new(),
             }),
         })
     }
@@ -239,7 +237,11 @@ impl Firmware {
     }
 
     pub(crate) fn defmt_locations(&self) -> &Locations {
-        &self.image.locations
+        let Image { table, elf, .. } = &*self.image;
+        self.image.locations.get_or_init(|| match table {
+            Some(table) if DEBUG_INFO => table.get_locations(elf).unwrap_or_default(),
+            _ => Locations::new(),
+        })
     }
 
     /// A variable or linker symbol by its exact name.

@@ -62,7 +62,8 @@ pub(crate) struct Log {
     ram: Arc<Ram>,
     control: Option<u32>,
     bytes: Vec<u8>,
-    lines: Vec<LogLine>,
+    /// With the statement that each comes from; only who takes a line needs its location.
+    lines: Vec<(Option<u64>, LogLine)>,
     /// Whether a debug probe reads the channel.
     attached: bool,
 }
@@ -178,26 +179,27 @@ impl Log {
                         Some(_) => Level::Error,
                         None => Level::Print,
                     };
-                    let location = firmware.defmt_locations().get(&frame.index());
-                    self.lines.push(LogLine {
+                    let line = LogLine {
                         time_us,
                         level,
                         timestamp: frame
                             .display_timestamp()
                             .map(|timestamp| timestamp.to_string()),
                         text: frame.display_message().to_string(),
-                        location: location.map(|at| format!("{}:{}", at.file.display(), at.line)),
-                    });
+                        location: None,
+                    };
+                    self.lines.push((Some(frame.index()), line));
                 }
                 Err(DecodeError::UnexpectedEof) => break,
                 Err(DecodeError::Malformed) => {
-                    self.lines.push(LogLine {
+                    let line = LogLine {
                         time_us,
                         level: Level::Error,
                         timestamp: None,
                         text: "malformed log frame".to_owned(),
                         location: None,
-                    });
+                    };
+                    self.lines.push((None, line));
                     if !table.encoding().can_recover() {
                         break;
                     }
@@ -207,7 +209,13 @@ impl Log {
         self.bytes.drain(..complete);
     }
 
-    pub(crate) fn take(&mut self) -> Vec<LogLine> {
-        std::mem::take(&mut self.lines)
+    pub(crate) fn take(&mut self, firmware: &Firmware) -> Vec<LogLine> {
+        let lines = std::mem::take(&mut self.lines).into_iter();
+        let located = lines.map(|(statement, line)| {
+            let at = statement.and_then(|statement| firmware.defmt_locations().get(&statement));
+            let location = at.map(|at| format!("{}:{}", at.file.display(), at.line));
+            LogLine { location, ..line }
+        });
+        located.collect()
     }
 }

@@ -404,7 +404,7 @@ impl Board {
 
     /// Log lines decoded since the last call.
     pub fn take_log(&mut self) -> Vec<LogLine> {
-        self.log.take()
+        self.log.take(&self.firmware)
     }
 
     /// Instructions executed since power-on.
