@@ -175,6 +175,14 @@ impl Fetch {
         self.prefetched = u32::MAX;
     }
 
+    /// Bytes of a line, and where that begins which instructions come from: those that lie in it do
+    /// not wait.
+    #[inline(always)]
+    pub(crate) fn in_use(&self) -> (u32, u32) {
+        let bits = self.bits & 31;
+        (1 << bits, self.line << bits)
+    }
+
     /// Cycles that the core waits for an instruction of `length` bytes.
     #[inline(always)]
     pub(crate) fn instruction(&mut self, offset: u32, length: u32, now: u64) -> u64 {
@@ -196,7 +204,7 @@ impl Fetch {
 
     /// The same for one that is not in the line in use alone.
     #[inline(never)]
-    fn lines(&mut self, offset: u32, length: u32, now: u64) -> u64 {
+    pub(crate) fn lines(&mut self, offset: u32, length: u32, now: u64) -> u64 {
         if self.wait_states == 0 {
             return 0;
         }

@@ -33,6 +33,8 @@ impl Core {
         // Zero once the loop is to end after the instruction under way.
         let mut until = limit;
         let mut executed: u64 = 0;
+        // What is read from the flash without a wait.
+        let (line_bytes, mut line) = self.fetch.in_use();
         let result = 'run: loop {
             if now >= until {
                 break Ok(());
@@ -546,7 +548,10 @@ impl Core {
             }
 
             let at = pc.wrapping_sub(FLASH_BASE);
-            cycles = cycles.wrapping_add(self.fetch.instruction(at, length, now));
+            if at.wrapping_sub(line) > line_bytes.wrapping_sub(length) {
+                cycles = cycles.wrapping_add(self.fetch.lines(at, length, now));
+                line = self.fetch.in_use().1;
+            }
             now = now.wrapping_add(cycles);
             pc = next;
             executed = executed.wrapping_add(1);
