@@ -110,9 +110,9 @@ pub(super) struct Unit {
     followed_ns: u64,
     /// Its encoders have yet to follow its wheels.
     owes_counts: bool,
-    /// It only does something at times it knows, and those last said.
-    lazy: bool,
-    wake: Wake,
+    /// When it next does something by itself, as it last said; nothing of a robot that has to be
+    /// asked each time.
+    wake: Option<Wake>,
 }
 
 /// How encoders and motors are wired or mounted: 1, or -1 where the other way round.
@@ -160,9 +160,8 @@ impl Unit {
             node: data.node,
             drives: directions.at_motors(robot.drives()),
             directions,
-            lazy,
             reads_sums: lazy && simulation.encoder_noise == EncoderNoise::default(),
-            wake: robot.wake(),
+            wake: lazy.then(|| robot.wake()),
             robot,
             connected: true,
             cable: Cable::default(),
@@ -226,32 +225,27 @@ impl Unit {
 
     /// Whether it need not be run between its wake-up times.
     pub fn is_lazy(&self) -> bool {
-        self.lazy
+        self.wake.is_some()
     }
 
     /// When it next does something by itself.
     pub fn wake(&self) -> Wake {
-        if self.lazy {
-            self.wake
-        } else {
-            self.robot.wake()
-        }
+        self.wake.unwrap_or_else(|| self.robot.wake())
     }
 
     /// Whether it has something to do at this time.
     pub fn is_due(&self, now_ns: u64) -> bool {
         match self.wake {
-            _ if !self.lazy => true,
-            Wake::Busy => true,
-            Wake::At(at) => at <= now_ns,
-            Wake::Never => false,
+            None | Some(Wake::Busy) => true,
+            Some(Wake::At(at)) => at <= now_ns,
+            Some(Wake::Never) => false,
         }
     }
 
     /// It has been at work: it may want to wake at another time.
     pub fn has_run(&mut self) {
-        if self.lazy {
-            self.wake = self.robot.wake();
+        if let Some(wake) = &mut self.wake {
+            *wake = self.robot.wake();
         }
     }
 
@@ -259,7 +253,9 @@ impl Unit {
     pub fn touch(&mut self, now_ns: u64, step_ns: u64) {
         self.turn_to(now_ns, step_ns);
         self.robot.set_now(now_ns);
-        self.wake = Wake::At(now_ns);
+        if let Some(wake) = &mut self.wake {
+            *wake = Wake::At(now_ns);
+        }
     }
 
     /// Turns the wheels up to a time, in steps of at most `step_ns`, and the encoders with them.
