@@ -121,14 +121,18 @@ impl Underside {
     #[inline(always)]
     pub fn stand(&self, angles: Four) -> Stand {
         let (first, other) = self.footprint.feet(angles);
+        #[expect(
+            clippy::manual_map,
+            reason = "`map` is not always inlined, and so made without vectors"
+        )]
+        let second = match &other {
+            Some(foot) => Some(self.touch(foot)),
+            None => None,
+        };
         Stand {
             down: [first.roller, other.as_ref().unwrap_or(&first).roller],
             first: self.touch(&first),
-            // Not `map`, which is not always inlined, and so made without vectors.
-            other: match &other {
-                Some(foot) => Some(self.touch(foot)),
-                None => None,
-            },
+            other: second,
         }
     }
 
