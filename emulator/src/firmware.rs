@@ -21,13 +21,8 @@ use crate::memory_map::FLASH_BASE;
 #[derive(Debug, thiserror::Error)]
 pub enum LoadError {
     /// The file cannot be read.
-    #[error("{path}: {source}")]
-    Io {
-        /// The file.
-        path: String,
-        /// What went wrong.
-        source: std::io::Error,
-    },
+    #[error("cannot be read ({0})")]
+    Io(std::io::Error),
     /// Not an ELF file for a 32-bit little-endian Arm.
     #[error("not an ELF file for a 32-bit little-endian Arm: {0}")]
     NotArmElf(String),
@@ -97,12 +92,7 @@ impl Firmware {
     /// # Errors
     /// [`LoadError`] states what is wrong with the file.
     pub fn load(path: impl AsRef<Path>) -> Result<Self, LoadError> {
-        let path = path.as_ref();
-        let elf = std::fs::read(path).map_err(|source| LoadError::Io {
-            path: path.display().to_string(),
-            source,
-        })?;
-        Self::from_elf(elf)
+        Self::from_elf(std::fs::read(path).map_err(LoadError::Io)?)
     }
 
     /// Loads the content of an ELF file.
@@ -391,7 +381,7 @@ mod tests {
         ));
         assert!(matches!(
             Firmware::load("/nonexistent"),
-            Err(LoadError::Io { .. })
+            Err(LoadError::Io(_))
         ));
     }
 }

@@ -429,7 +429,11 @@ fn follow() {
     text += &transcript(&["follow", "missing.csv", "--bus", BUS]);
     text += &transcript(&["follow", "circle", "--bus", "sim:missing.toml"]);
     text += &transcript(&["follow", "circle", "--bus", "can0"]);
-    text += &transcript(&["follow", "circle", "--bus", "slcan-tcp://127.0.0.1:1"]);
+    let unreachable = ["follow", "circle", "--bus", "slcan-tcp://127.0.0.1:1"];
+    for unused in [&[][..], &["--backend", "native"], &["--elf", "no.elf"]] {
+        text += &transcript(&[&unreachable[..], unused].concat());
+    }
+    text += &transcript(&["follow", "circle", "--elf", "no.elf", "--bus", BUS]);
     check("follow-refused", &text);
     for quiet in [
         &["follow", "circle", "--quick", "--quiet", "--bus", BUS][..],

@@ -289,7 +289,11 @@ fn what_cannot_be_meant_is_refused() {
         );
     };
     let elf = elf();
-    refused(&["emulate", "no.elf"], "no.elf");
+    refused(
+        &["emulate", "no.elf"],
+        "error: no.elf: cannot be read (No such file or directory (os error 2)); `cargo xtask \
+         size` builds the firmware\n",
+    );
     refused(&["emulate", &elf, "--duration", "0"], "--duration");
     refused(&["emulate", &elf, "--gdb", "none:0"], "--gdb none:0");
     let three = concat!(env!("CARGO_MANIFEST_DIR"), "/../groups/tcc-3.toml");

@@ -97,6 +97,12 @@ fn the_command_lists_runs_and_refuses() {
         error,
         "error: paper table-2: no experiment has this name; --list prints them all\n"
     );
+    let (fine, _, error) = run(&["paper", "table-8", "--elf", "no.elf"]);
+    assert!(!fine);
+    assert_eq!(
+        error,
+        "error: --elf no.elf: native robots run no image; add --backend emulator\n"
+    );
     let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("paper");
     let out = folder.to_str().unwrap();
     let (fine, text, error) = run(&["paper", "table-8", "--plant", "table", "--out", out]);

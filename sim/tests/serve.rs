@@ -414,6 +414,10 @@ fn bad_input_is_named() {
             ["--replay", "no.log"],
             "error: --replay no.log: cannot be read",
         ),
+        (
+            ["--elf", "no.elf"],
+            "error: --elf no.elf: native robots run no image; add --backend emulator\n",
+        ),
     ] {
         {
             let output = run(&arguments);
@@ -421,9 +425,10 @@ fn bad_input_is_named() {
         }
     }
     let output = run(&["--backend", "emulator", "--elf", "no.elf"]);
-    assert!(
-        output.starts_with("error: --elf no.elf: cannot be loaded; `cargo xtask size`"),
-        "{output}"
+    assert_eq!(
+        output,
+        "error: --elf no.elf: cannot be read (No such file or directory (os error 2)); `cargo \
+         xtask size` builds the firmware\n"
     );
     let output = Command::new(env!("CARGO_BIN_EXE_omnibus-sim"))
         .args(["serve", "no.toml"])

@@ -225,3 +225,64 @@ fn names_are_found_and_split() {
     assert_eq!(words("SAY_EVERY"), ["say", "every"]);
     assert_eq!(words("TestMaster2"), ["test", "master2"]);
 }
+
+/// The causes of an error type that its own messages print as well: field, and line of the message.
+fn repeated_causes(text: &str) -> Vec<(usize, &str)> {
+    let mut found = Vec::new();
+    for (at, _) in text.match_indices("#[error(\"") {
+        let rest = &text[at..];
+        let (message, variant) = rest.split_once(")]\n").unwrap_or((rest, ""));
+        let variant = variant.split("#[error(").next().unwrap_or_default();
+        let mut marked = false;
+        for line in variant.lines().map(str::trim) {
+            let mark = line.contains("#[from]") || line.contains("#[source]");
+            let name = match line.split_once(": ") {
+                Some((name, _)) => name,
+                None if mark && line.contains('(') => "0",
+                None => "",
+            };
+            let is_cause = mark || marked || name == "source";
+            if is_cause && !name.is_empty() && message.contains(&format!("{{{name}")) {
+                found.push((text[..at].lines().count() + 1, name));
+            }
+            marked = mark && name.is_empty();
+        }
+    }
+    found
+}
+
+/// Commands print an error with its causes, so that a cause in its message would be there twice.
+#[test]
+fn errors_print_their_cause_once() {
+    let mut complaints = Vec::new();
+    for path in files("rs") {
+        for (line, name) in repeated_causes(&read(&path)) {
+            let path = path.display();
+            complaints.push(format!(
+                "{path}:{line}: the message prints {name}, which is its cause as well"
+            ));
+        }
+    }
+    nothing(&complaints);
+}
+
+#[test]
+fn repeated_causes_are_found() {
+    let text = |message: &str, variant: &str| {
+        format!("enum E {{\n#[error(\"{message}\")]\n{variant}\n}}\n")
+    };
+    for (message, variant, causes) in [
+        ("{path}: {source}", "Io {\n/// It.\nsource: Error,\n},", 1),
+        ("no file", "Io {\nsource: Error,\n},", 0),
+        ("no file: {0}", "Io(#[from] Error),", 1),
+        ("no file: {0}", "Io(Error),", 0),
+        ("no file: {why}", "Io {\n#[source]\nwhy: Error,\n},", 1),
+        ("no file: {why}", "Io {\nwhy: Error,\n},", 0),
+    ] {
+        assert_eq!(
+            repeated_causes(&text(message, variant)).len(),
+            causes,
+            "{message} {variant}"
+        );
+    }
+}

@@ -15,7 +15,7 @@ use omnibus::path::course::{Course, Frame, Shape};
 use omnibus::path::curve::{Curve, RAMP};
 use omnibus::path::file::FARTHEST;
 use omnibus::path::steering::Law;
-use omnibus::report::{self, BackendName, Report, Run};
+use omnibus::report::{self, Report, Run};
 use omnibus::run::{self, Drive, DriveError, Feedback, Record, Source, Stopped};
 use omnibus::session::roller_index::IndexSearch;
 #[cfg(feature = "simulation")]
@@ -199,10 +199,7 @@ impl Arguments {
 
     /// What is reported of one drive.
     fn results(&self, group: &GroupFile, run: Run) -> Report {
-        let backend = match self.target.bus {
-            BusAddress::Sim(_) => self.target.backend,
-            _ => BackendName::Robots,
-        };
+        let backend = self.target.backend();
         let mut report = run::report(group, &self.course().name(), backend, vec![run]);
         report.paper = self.paper;
         report

@@ -6,6 +6,9 @@ use std::time::SystemTime;
 use ::group::GroupFile;
 use anyhow::{Context as _, bail};
 use canopen::Micros;
+use clap::ArgMatches;
+use clap::error::ErrorKind;
+use clap::parser::ValueSource;
 use omnibus::abort::Abort;
 use omnibus::bus::address::BusAddress;
 use omnibus::bus::foreign;
@@ -72,8 +75,20 @@ const DEFAULT_ELF: &str = "target/thumbv7em-none-eabihf/release/omnibus-firmware
 const BOOTED: Micros = Micros(100_000);
 
 /// Which bus, and which group on it.
-#[derive(clap::Args)]
 pub struct Target {
+    pub bus: BusAddress,
+    group: Option<PathBuf>,
+    /// Not an argument with a variable of its own: a simulated bus goes before the variable, but
+    /// contradicts another file that is typed.
+    usual_group: Option<PathBuf>,
+    /// The firmware image of the robots on a simulated bus, which without one are native.
+    elf: Option<PathBuf>,
+    pub force: bool,
+}
+
+/// [`Target`], as it is typed.
+#[derive(clap::Args)]
+struct TargetOptions {
     /// auto (the adapter or robot that is plugged in), sim:GROUP.toml, socketcan:INTERFACE,
     /// slcan:DEVICE, slcan-tcp://HOST:PORT or socketcand://HOST:PORT/INTERFACE; omnibus-sim serves
     /// lockstep://HOST:PORT.
@@ -83,23 +98,81 @@ pub struct Target {
         env = "OMNIBUS_BUS",
         hide_env_values = true
     )]
-    pub bus: BusAddress,
+    bus: BusAddress,
     /// Group file, or the environment variable OMNIBUS_GROUP; a simulated bus names its own.
     #[arg(long, help_heading = "Bus", value_name = "GROUP.toml")]
     group: Option<PathBuf>,
-    /// Not an argument with a variable of its own: a simulated bus goes before the variable, but
-    /// contradicts another file that is typed.
-    #[arg(skip = std::env::var_os("OMNIBUS_GROUP").map(PathBuf::from))]
-    usual_group: Option<PathBuf>,
     /// Backend of the robots on a simulated bus.
     #[arg(long, help_heading = "Bus", value_enum, default_value_t = BackendName::Native)]
-    pub backend: BackendName,
-    /// Firmware image for emulated robots, or a folder with images (*.elf) for their boards.
-    #[arg(long, help_heading = "Bus", value_name = "PATH", default_value = DEFAULT_ELF)]
-    elf: PathBuf,
+    backend: BackendName,
+    /// Firmware image for emulated robots, or a folder with images (*.elf) for their boards; by
+    /// default the release image that `cargo xtask size` builds.
+    #[arg(long, help_heading = "Bus", value_name = "PATH")]
+    elf: Option<PathBuf>,
     /// Commands the robots even if another master is on the bus.
     #[arg(long, help_heading = "Bus")]
-    pub force: bool,
+    force: bool,
+}
+
+impl TargetOptions {
+    /// The firmware image of the robots, unless an option is there that would do nothing.
+    fn elf(&self, is_backend_typed: bool) -> Result<Option<PathBuf>, String> {
+        let elf = self.elf.as_ref();
+        if !matches!(self.bus, BusAddress::Sim(_)) {
+            let typed = match elf {
+                Some(elf) => format!("--elf {}", elf.display()),
+                None if is_backend_typed => format!("--backend {}", self.backend),
+                None => return Ok(None),
+            };
+            return Err(format!(
+                "{typed}: what robots run is chosen on a simulated bus (sim:GROUP.toml) only; \
+                 leave it out with {}",
+                self.bus
+            ));
+        }
+        match (self.backend, elf) {
+            (BackendName::Emulator, elf) => {
+                Ok(Some(elf.cloned().unwrap_or_else(|| DEFAULT_ELF.into())))
+            }
+            (_, None) => Ok(None),
+            (_, Some(elf)) => Err(format!(
+                "--elf {}: native robots run no image; add --backend emulator",
+                elf.display()
+            )),
+        }
+    }
+}
+
+impl clap::Args for Target {
+    fn augment_args(command: clap::Command) -> clap::Command {
+        TargetOptions::augment_args(command)
+    }
+
+    fn augment_args_for_update(command: clap::Command) -> clap::Command {
+        TargetOptions::augment_args_for_update(command)
+    }
+}
+
+impl clap::FromArgMatches for Target {
+    fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
+        let options = TargetOptions::from_arg_matches(matches)?;
+        let backend = matches.value_source("backend");
+        let elf = options
+            .elf(backend == Some(ValueSource::CommandLine))
+            .map_err(|problem| clap::Error::raw(ErrorKind::ArgumentConflict, problem))?;
+        Ok(Self {
+            bus: options.bus,
+            group: options.group,
+            usual_group: std::env::var_os("OMNIBUS_GROUP").map(PathBuf::from),
+            elf,
+            force: options.force,
+        })
+    }
+
+    fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> Result<(), clap::Error> {
+        *self = Self::from_arg_matches(matches)?;
+        Ok(())
+    }
 }
 
 impl Target {
@@ -194,18 +267,25 @@ impl Target {
         })
     }
 
+    /// What the robots run on.
+    pub fn backend(&self) -> BackendName {
+        match (&self.bus, &self.elf) {
+            (BusAddress::Sim(_), Some(_)) => BackendName::Emulator,
+            (BusAddress::Sim(_), None) => BackendName::Native,
+            _ => BackendName::Robots,
+        }
+    }
+
     /// The firmware image, when the robots are emulated ones.
     pub fn elf(&self) -> anyhow::Result<Option<&Path>> {
-        if self.backend == BackendName::Native {
-            return Ok(None);
-        }
-        if !self.elf.exists() {
+        let elf = self.elf.as_deref();
+        if let Some(elf) = elf.filter(|elf| !elf.exists()) {
             bail!(
                 "--elf {}: there is no such file; build the firmware with `cargo xtask size`",
-                self.elf.display()
+                elf.display()
             );
         }
-        Ok(Some(&self.elf))
+        Ok(elf)
     }
 
     /// Opens the bus for a command that only listens: the group file is optional.

@@ -80,7 +80,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if target.elf()?.is_some() {
         usage!(
             "--backend {}: the page does not drive emulated robots; give native",
-            target.backend
+            target.backend()
         );
     }
     let mut addresses = arguments.http.to_socket_addrs().map_err(|error| {

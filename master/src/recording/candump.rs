@@ -13,7 +13,7 @@ use super::content::{Recorded, Recording};
 pub enum CandumpError {
     /// The file itself.
     #[error("cannot be read: {0}")]
-    Io(#[from] std::io::Error),
+    Io(std::io::Error),
     /// A line that is not one of a log.
     #[error(
         "line {line}: '{text}' is not a frame; a line is (seconds.microseconds) interface ID#DATA, \
@@ -41,7 +41,7 @@ pub fn read(input: impl BufRead) -> Result<Recording, CandumpError> {
     };
     let mut epoch = None;
     for (line, text) in input.lines().enumerate() {
-        let text = text?;
+        let text = text.map_err(CandumpError::Io)?;
         let (t_ns, bus, frame) = match parse_line(&text) {
             Line::Empty => continue,
             Line::Frame {

@@ -267,8 +267,7 @@ fn paths(arguments: &Arguments) -> anyhow::Result<Paths> {
 fn images(arguments: &Arguments) -> anyhow::Result<Images> {
     let paths = paths(arguments)?;
     let load = |path: &Path| {
-        // Its error names the file.
-        Firmware::load(path).map_err(|error| anyhow::anyhow!("cannot use {error}"))
+        Firmware::load(path).with_context(|| format!("cannot use {}", path.display()))
     };
     Ok(Images {
         self_test: load(&paths.self_test)?,

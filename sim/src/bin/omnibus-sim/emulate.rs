@@ -10,7 +10,6 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, bail};
 use clap::Args;
-use emulator::Firmware;
 use group::GroupFile;
 use omnibus_sim::{Backend, MASTER, Options, World};
 
@@ -18,6 +17,7 @@ use crate::bench::Bench;
 use crate::endpoints::Endpoints;
 use crate::gdb;
 use crate::output::print_line;
+use crate::robots::firmware;
 use crate::serve::Speed;
 
 /// The robot that is emulated where no group file says otherwise.
@@ -79,9 +79,7 @@ pub fn emulate(arguments: &Emulate) -> anyhow::Result<()> {
         );
     };
     let elf = arguments.elf.display();
-    let firmware = Firmware::load(&arguments.elf).with_context(|| {
-        format!("{elf}: cannot be loaded; `cargo xtask size` builds the firmware")
-    })?;
+    let firmware = firmware(&elf, &arguments.elf)?;
     let options = Options {
         truth_period_ns: arguments.endpoints.pose_period_ns()?,
         ..Options::default()

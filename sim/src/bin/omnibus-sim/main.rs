@@ -16,6 +16,7 @@ mod faults;
 mod gdb;
 mod output;
 mod paper;
+mod robots;
 mod serve;
 mod study;
 

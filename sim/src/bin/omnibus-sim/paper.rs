@@ -3,12 +3,14 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::output::print_line;
 use anyhow::{Context as _, bail};
 use clap::{Args, ValueEnum};
 use omnibus_sim::Backend;
 use omnibus_sim::paper::page::{to_html, to_text};
 use omnibus_sim::paper::{Findings, OnPlant, SCENARIOS, Scenario, Setting, find};
+
+use crate::output::print_line;
+use crate::robots::Robots;
 
 /// Options of `omnibus-sim paper`.
 #[derive(Args)]
@@ -25,15 +27,8 @@ pub struct Paper {
     /// Plant to use; by default every plant that suits the experiment.
     #[arg(long, value_enum)]
     plant: Option<PlantName>,
-    /// Backend of the robots.
-    #[arg(long, value_enum, default_value = "native")]
-    backend: BackendName,
-    /// The firmware's release image, for emulated robots.
-    #[arg(
-        long,
-        default_value = "target/thumbv7em-none-eabihf/release/omnibus-firmware"
-    )]
-    elf: PathBuf,
+    #[command(flatten)]
+    robots: Robots,
     /// Writes report.html and the figures as SVG files into this folder.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -45,14 +40,6 @@ enum PlantName {
     Table,
     /// Rigid bodies on rollers with friction.
     Contact,
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-enum BackendName {
-    /// The firmware's control code compiled for this machine.
-    Native,
-    /// The firmware image on emulated microcontrollers.
-    Emulator,
 }
 
 /// Runs the experiments asked for.
@@ -76,17 +63,10 @@ pub fn paper(arguments: &Paper) -> anyhow::Result<()> {
             }
         },
     };
-    let (backend, word) = match arguments.backend {
-        BackendName::Native => (Backend::Native, "native"),
-        BackendName::Emulator => {
-            let firmware = emulator::Firmware::load(&arguments.elf).with_context(|| {
-                format!(
-                    "cannot load {}; build it with `cargo xtask size`",
-                    arguments.elf.display()
-                )
-            })?;
-            (Backend::Emulator(firmware), "emulator")
-        }
+    let backend = arguments.robots.backend()?;
+    let word = match backend {
+        Backend::Native => "native",
+        _ => "emulator",
     };
     if let Some(folder) = &arguments.out {
         std::fs::create_dir_all(folder)

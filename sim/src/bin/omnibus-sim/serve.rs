@@ -19,6 +19,7 @@ use omnibus_sim::{Backend, MASTER, Options, World};
 use crate::endpoints::Endpoints;
 use crate::faults::Faults;
 use crate::output::print_line;
+use crate::robots::Robots;
 
 /// Virtual time between two looks at the endpoints.
 const SLICE: Micros = Micros(500);
@@ -42,15 +43,8 @@ const HELD: Duration = Duration::from_millis(1);
 pub struct Serve {
     /// The group file.
     group: PathBuf,
-    /// Backend of the robots.
-    #[arg(long, value_enum, default_value = "native")]
-    backend: BackendName,
-    /// The firmware's release image, for emulated robots.
-    #[arg(
-        long,
-        default_value = "target/thumbv7em-none-eabihf/release/omnibus-firmware"
-    )]
-    elf: PathBuf,
+    #[command(flatten)]
+    robots: Robots,
     /// Plant to use instead of the group file's: table, contact, or tcp://HOST:PORT.
     #[arg(long)]
     plant: Option<String>,
@@ -80,14 +74,6 @@ pub struct Serve {
     fault: Vec<String>,
 }
 
-#[derive(Clone, Copy, ValueEnum)]
-enum BackendName {
-    /// The firmware's control code compiled for this machine.
-    Native,
-    /// The firmware image on emulated microcontrollers.
-    Emulator,
-}
-
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Speed {
     /// Real time.
@@ -105,15 +91,7 @@ pub fn serve(arguments: &Serve) -> anyhow::Result<()> {
     if let Some(seed) = arguments.seed {
         group.simulation.seed = seed;
     }
-    let backend = match arguments.backend {
-        BackendName::Native => Backend::Native,
-        BackendName::Emulator => {
-            Backend::Emulator(emulator::Firmware::load(&arguments.elf).with_context(|| {
-                let elf = arguments.elf.display();
-                format!("--elf {elf}: cannot be loaded; `cargo xtask size` builds the firmware")
-            })?)
-        }
-    };
+    let backend = arguments.robots.backend()?;
     let options = Options {
         truth_period_ns: arguments.endpoints.pose_period_ns()?,
         ..Options::default()
