@@ -284,7 +284,7 @@ impl Soc {
         if matches!(entry.unit, Unit::Gpio(_) | Unit::Afio | Unit::Rcc) {
             self.wiring += 1;
         }
-        self.follow_wires();
+        self.follow_wires(None);
         self.settle();
     }
 
@@ -345,12 +345,14 @@ impl Soc {
                 .read(now, offset)
                 .map_err(|error| error.0),
             Unit::Gpio(port) => {
-                self.follow_wires();
-                let levels = self.gpio[port as usize].read(offset).ok_or("")?;
                 let idr = match self.chip.family {
                     Family::F1 => 0x08,
                     Family::F4 => 0x10,
                 };
+                if offset == idr {
+                    self.follow_wires(Some(port));
+                }
+                let levels = self.gpio[port as usize].read(offset).ok_or("")?;
                 Ok(if offset == idr {
                     self.with_the_bus(port, levels)
                 } else {

@@ -2,8 +2,9 @@
 //!
 //! The pins of a wire have one level: low if any of them drives it low, else high if any drives it
 //! high, else that of a pull resistor, up before down. It is worked out after every write of a
-//! register and before every read of a port, so an edge that the program makes arrives at once, at
-//! inputs of timers, break inputs and the converter too.
+//! register, and at a port before every read of its inputs, so an edge that the program makes
+//! arrives at once, at inputs of timers, break inputs and the converter too. A wire with no pin of a
+//! peripheral has the same level until a port, the clocks or the remaps are written.
 //!
 //! What it cannot do: a PWM reaches the registers of a port, but its edges do not by themselves
 //! reach the inputs of timers and EXTI, because nothing is worked out at those moments.
@@ -16,26 +17,49 @@ const HIGH_V: f64 = 3.3;
 
 /// Groups of pins that are connected.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Wires(Vec<Vec<(Port, u8)>>);
+pub(super) struct Wires {
+    nets: Vec<Net>,
+    /// The version of the wiring that all of them have followed.
+    followed: Option<u64>,
+}
+
+/// Pins with one level.
+#[derive(Debug, Clone)]
+struct Net {
+    pins: Vec<(Port, u8)>,
+    /// Whether a peripheral has one of them, so that its level can change by itself.
+    is_alternate: bool,
+}
+
+impl Net {
+    fn is_at(&self, port: Option<Port>) -> bool {
+        port.is_none_or(|port| self.pins.iter().any(|pin| pin.0 == port))
+    }
+}
 
 impl Wires {
     /// Connects two pins, and with them what these are connected with.
     fn connect(&mut self, one: (Port, u8), other: (Port, u8)) {
         let mut joined = vec![one, other];
-        self.0.retain(|net| {
-            let meets = net.contains(&one) || net.contains(&other);
+        self.nets.retain(|net| {
+            let meets = net.pins.contains(&one) || net.pins.contains(&other);
             if meets {
-                joined.extend(net);
+                joined.extend(&net.pins);
             }
             !meets
         });
         joined.sort_unstable();
         joined.dedup();
-        self.0.push(joined);
+        self.nets.push(Net {
+            pins: joined,
+            is_alternate: true,
+        });
+        self.forget();
     }
 
-    pub(super) fn is_empty(&self) -> bool {
-        self.0.is_empty()
+    /// Has every wire worked out the next time: something from outside changed a pin.
+    pub(super) fn forget(&mut self) {
+        self.followed = None;
     }
 }
 
@@ -43,22 +67,33 @@ impl Soc {
     /// Connects two pins with a wire.
     pub(crate) fn connect(&mut self, one: (Port, u8), other: (Port, u8)) {
         self.wires.connect(one, other);
-        self.follow_wires();
+        self.follow_wires(None);
         self.settle();
     }
 
-    /// Gives all wires their levels.
-    pub(super) fn follow_wires(&mut self) {
-        if self.wires.is_empty() {
+    /// Gives all wires their levels, or those at a port.
+    pub(super) fn follow_wires(&mut self, at: Option<Port>) {
+        if self.wires.nets.is_empty() {
             return;
         }
-        let wires = std::mem::take(&mut self.wires);
+        let mut wires = std::mem::take(&mut self.wires);
+        let is_new = wires.followed != Some(self.wiring);
+        if is_new {
+            for net in &mut wires.nets {
+                let is_alternate = |&(port, pin): &(Port, u8)| {
+                    matches!(self.gpio[port as usize].mode(pin), Mode::Alternate(_))
+                };
+                net.is_alternate = net.pins.iter().any(is_alternate);
+            }
+            wires.followed = Some(self.wiring);
+        }
         // A wire can change what another carries: a break input cuts outputs. Two rounds settle it.
         for _ in 0..2 {
             let mut changed = false;
-            for net in &wires.0 {
-                let level = self.level_of(net);
-                for &(port, pin) in net {
+            let is_due = |net: &&Net| is_new || (net.is_alternate && net.is_at(at));
+            for net in wires.nets.iter().filter(is_due) {
+                let level = self.level_of(&net.pins);
+                for &(port, pin) in &net.pins {
                     changed |= self.apply_wire(port, pin, level);
                 }
             }
@@ -148,6 +183,16 @@ mod tests {
         assert!(!level(&mut soc, GPIOC, 6), "PA8 is an output, low");
         soc.write(GPIOA + 0x18, 4, 1 << 8);
         assert!(level(&mut soc, GPIOC, 6));
+    }
+
+    #[test]
+    fn a_level_from_outside_does_not_outlast_the_wire() {
+        let mut soc = soc(&BoardConfig::default());
+        soc.connect((Port::A, 8), (Port::C, 6));
+        soc.write(GPIOA, 4, 1 << 16);
+        assert!(!level(&mut soc, GPIOC, 6));
+        soc.set_input(Port::C, 6, true);
+        assert!(!level(&mut soc, GPIOC, 6), "PA8 is an output, low");
     }
 
     #[test]

@@ -21,6 +21,7 @@ impl Soc {
     pub(crate) fn set_input(&mut self, port: Port, pin: u8, level: bool) {
         let before = self.gpio[port as usize].idr();
         self.gpio[port as usize].set_external(pin, level);
+        self.wires.forget();
         self.pins_changed(port, before);
         self.settle();
     }
@@ -67,6 +68,7 @@ impl Soc {
     /// Connects a voltage to a pin that the converters can measure.
     pub(crate) fn set_analog(&mut self, port: Port, pin: u8, volts: f64) {
         let now_ps = self.clock.local_ps(self.now);
+        self.wires.forget();
         for adc in &mut self.adcs {
             adc.set_pin(now_ps, port, pin, volts);
         }
