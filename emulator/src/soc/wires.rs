@@ -3,8 +3,8 @@
 //! The pins of a wire have one level: low if any of them drives it low, else high if any drives it
 //! high, else that of a pull resistor, up before down. It is worked out after every write of a
 //! register, and at a port before every read of its inputs, so an edge that the program makes
-//! arrives at once, at inputs of timers, break inputs and the converter too. A wire with no pin of a
-//! peripheral has the same level until a port, the clocks or the remaps are written.
+//! arrives at once, at inputs of timers, break inputs and the converter too. A wire with no pin of
+//! a peripheral has the same level until a port, the clocks or the remaps are written.
 //!
 //! What it cannot do: a PWM reaches the registers of a port, but its edges do not by themselves
 //! reach the inputs of timers and EXTI, because nothing is worked out at those moments.
