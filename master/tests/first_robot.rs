@@ -81,7 +81,7 @@ impl Drop for Nucleo {
 /// A folder with what the page's commands find, and its programs.
 struct Desk {
     folder: PathBuf,
-    programs: PathBuf,
+    programs: &'static Path,
 }
 
 impl Desk {
@@ -101,7 +101,7 @@ impl Desk {
 
     fn command(&self, line: &str, bus: &str) -> Command {
         let path = std::env::join_paths(
-            std::iter::once(self.programs.clone())
+            std::iter::once(self.programs.to_owned())
                 .chain(std::env::split_paths(&std::env::var_os("PATH").unwrap())),
         );
         let mut command = Command::new("bash");
@@ -152,9 +152,9 @@ fn every_line_of_the_page_runs_in_its_order() {
     let page = std::fs::read_to_string(root().join("docs/first-robot.md")).unwrap();
     let desk = Desk::new("first-robot");
     let (bus, path) = terminal(&desk.folder);
-    let mut at_terminal = Nucleo::serve(&desk.programs, &["--cable", &path]);
+    let mut at_terminal = Nucleo::serve(desk.programs, &["--cable", &path]);
     let in_lockstep = Nucleo::serve(
-        &desk.programs,
+        desk.programs,
         &["--lockstep", "127.0.0.1:0@2", "--speed", "max"],
     );
     let address = in_lockstep.endpoint.strip_prefix("lockstep ").unwrap();
@@ -200,7 +200,7 @@ fn every_line_of_the_page_runs_in_its_order() {
 fn a_program_says_that_its_cable_is_gone() {
     let desk = Desk::new("cable-gone");
     let (bus, path) = terminal(&desk.folder);
-    let mut nucleo = Nucleo::serve(&desk.programs, &["--cable", &path]);
+    let mut nucleo = Nucleo::serve(desk.programs, &["--cable", &path]);
     let scan = "omnibus scan";
     desk.run_until(scan, &bus, &["│ 2 "]);
     for pulled in ["cable-cut", "cable-cut=open"] {

@@ -5,41 +5,13 @@
 
 mod common;
 
-use std::io::{BufRead as _, BufReader};
-use std::process::{Command, Stdio};
-
-use common::{Served, omnibus, programs, root};
+use common::{omnibus, serve};
 
 /// Robot 3 is stopped at 3 s and loses its power at 6 s.
-const FAULTS: [&str; 4] = [
-    "--fault",
+const FAULTS: [&str; 2] = [
     "t=3:node=3:emergency-stop:for=0.5",
-    "--fault",
     "t=6:node=3:power-cycle",
 ];
-
-/// A simulator with these faults, and the bus at which it can be reached.
-fn serve() -> (Served, String) {
-    let mut child = Command::new(programs().join("omnibus-sim"))
-        .args(["serve", "groups/tcc-2.toml", "--lockstep", "127.0.0.1:0"])
-        .args(FAULTS)
-        .current_dir(root())
-        .env("OMNIBUS_SIM_SPEED", "max")
-        .stdin(Stdio::null())
-        .stdout(Stdio::piped())
-        .spawn()
-        .unwrap();
-    let lines = BufReader::new(child.stdout.take().unwrap()).lines();
-    let served = Served(child);
-    // To the last line that it prints: it must not find its output closed.
-    let lines: Vec<String> = lines
-        .map_while(Result::ok)
-        .take_while(|line| !line.starts_with("serving"))
-        .collect();
-    let place = lines.iter().find_map(|line| line.strip_prefix("lockstep "));
-    let place = place.expect("it says where it serves");
-    (served, format!("lockstep://{place}"))
-}
 
 /// What each robot remembers, by the order of the group file.
 fn history(bus: &str) -> [serde_json::Value; 2] {
@@ -51,7 +23,8 @@ fn history(bus: &str) -> [serde_json::Value; 2] {
 
 #[test]
 fn a_fault_is_told_after_its_robot_was_without_power() {
-    let (_served, bus) = serve();
+    let (_served, bus) = serve(&FAULTS);
+    let bus = format!("lockstep://{bus}");
     let group = "groups/tcc-2.toml";
     let drive = [
         "drive", "--vx", "0.2", "--for", "20", "--group", group, "--bus", &bus,

@@ -10,7 +10,7 @@ use std::process::{Command, Stdio};
 use std::time::Duration;
 
 use canopen::{Frame, Micros};
-use common::{Served, omnibus, programs, root};
+use common::{omnibus, root, serve};
 use group::GroupFile;
 use kinematics::Pose;
 use omnibus::bus::link::{Link, LinkError};
@@ -127,26 +127,6 @@ fn a_fault_in_an_identification_is_named() {
     assert!(!text.contains("stopped by the master"), "{text}");
 }
 
-/// The simulator with fresh robots, and the address of its bus.
-fn serve() -> (Served, String) {
-    let child = Command::new(programs().join("omnibus-sim"))
-        .args(["serve", "groups/tcc-2.toml", "--lockstep", "127.0.0.1:0"])
-        .current_dir(root())
-        .env("OMNIBUS_SIM_SPEED", "max")
-        .stdout(Stdio::piped())
-        .spawn();
-    let mut served = Served(child.unwrap());
-    let lines = BufReader::new(served.0.stdout.take().unwrap()).lines();
-    let printed: Vec<String> = lines
-        .map_while(Result::ok)
-        .take_while(|line| !line.starts_with("serving"))
-        .collect();
-    let address = printed
-        .iter()
-        .find_map(|line| line.strip_prefix("lockstep "));
-    (served, address.expect("an address").to_owned())
-}
-
 /// How a command ended, and how many lines it sent to the bus.
 struct Ended {
     code: Option<i32>,
@@ -208,13 +188,13 @@ fn states(bus: &str) -> Vec<(String, String)> {
 /// Interrupts a command at moments spread evenly from its first line to its last but a tenth.
 fn at_any_moment(arguments: &[&str]) {
     const MOMENTS: usize = 8;
-    let (served, bus) = serve();
+    let (served, bus) = serve(&[]);
     let whole = run(arguments, &bus, usize::MAX);
     assert_eq!(whole.code, Some(0));
     drop(served);
     let mut seen = Vec::new();
     for moment in 0..MOMENTS {
-        let (_served, bus) = serve();
+        let (_served, bus) = serve(&[]);
         let stop = whole.sent * 9 / 10 * moment / (MOMENTS - 1);
         let ended = run(arguments, &bus, stop);
         assert_eq!(ended.code, Some(130), "at line {stop} of {}", whole.sent);
@@ -249,7 +229,7 @@ fn ctrl_c_in_a_drive_with_a_report() {
     std::fs::write(&file, before).unwrap();
     let path = file.to_str().unwrap();
     let follow = ["follow", "circle", "--quick", "--report", path];
-    let (served, bus) = serve();
+    let (served, bus) = serve(&[]);
     let whole = run(&follow, &bus, usize::MAX);
     assert_eq!(whole.code, Some(0));
     drop(served);
@@ -257,7 +237,7 @@ fn ctrl_c_in_a_drive_with_a_report() {
     assert!(!complete.contains("before the end of the curve"));
     std::fs::write(&file, before).unwrap();
     for (stop, is_driving) in [(2, false), (whole.sent * 3 / 4, true)] {
-        let (_served, bus) = serve();
+        let (_served, bus) = serve(&[]);
         let ended = run(&follow, &bus, stop);
         assert_eq!(ended.code, Some(130));
         let report = std::fs::read_to_string(&file).unwrap();
@@ -272,6 +252,32 @@ fn ctrl_c_in_a_drive_with_a_report() {
     }
 }
 
+/// What was driven up to a robot's fault is in the report, which says whose it was: the motor
+/// driver's, while the robots are on the circle, 6 s after they were switched on.
+#[test]
+fn a_robot_that_fails_in_a_drive_with_a_report() {
+    let file = Path::new(env!("CARGO_TARGET_TMPDIR")).join("failed.html");
+    let _ = std::fs::remove_file(&file);
+    let (_served, bus) = serve(&["t=6:node=3:driver-fault"]);
+    let follow = ["follow", "circle", "--quick", "--report"];
+    let ended = run(
+        &[&follow[..], &[file.to_str().unwrap()]].concat(),
+        &bus,
+        usize::MAX,
+    );
+    assert_eq!(ended.code, Some(5));
+    let report = std::fs::read_to_string(&file).unwrap();
+    let (_, after) = report
+        .split_once(" s, before the end of the curve: ")
+        .unwrap();
+    let (why, after) = after.split_once("</strong>").unwrap();
+    assert_eq!(
+        why,
+        "node 3: fault DriverFault (0xff0e): The motor driver reports a fault. The group ramps down."
+    );
+    assert!(after.contains("<svg"), "what was driven");
+}
+
 /// The frames of a recording are sent up to a Ctrl-C, and no robot stays in OPERATIONAL.
 #[test]
 fn ctrl_c_in_a_replay() {
@@ -281,11 +287,11 @@ fn ctrl_c_in_a_replay() {
     let recorded = omnibus(&[&drive[..], &["--bus", "sim:groups/tcc-2.toml"]].concat());
     assert!(recorded.status.success());
     let replay = ["replay", file, "--drive"];
-    let (served, bus) = serve();
+    let (served, bus) = serve(&[]);
     let whole = run(&replay, &bus, usize::MAX);
     assert_eq!(whole.code, Some(0));
     drop(served);
-    let (_served, bus) = serve();
+    let (_served, bus) = serve(&[]);
     let ended = run(&replay, &bus, whole.sent / 2);
     assert_eq!(ended.code, Some(130));
     assert!(ended.sent < whole.sent);
@@ -309,7 +315,7 @@ fn ctrl_c_in_an_acceptance_keeps_what_was_found() {
     ];
     let arguments = [&arguments[..], &[folder.to_str().unwrap()]].concat();
     let trial = |stop| {
-        let (_served, bus) = serve();
+        let (_served, bus) = serve(&[]);
         let ended = run(&arguments, &bus, stop);
         let text = std::fs::read(folder.join("report.json")).unwrap();
         let report: serde_json::Value = serde_json::from_slice(&text).unwrap();
@@ -336,7 +342,7 @@ fn ctrl_c_in_an_acceptance_keeps_what_was_found() {
 /// A question for a measure waits for a person, not for a line alone.
 #[test]
 fn ctrl_c_at_a_question_ends_an_acceptance() {
-    let (_served, bus) = serve();
+    let (_served, bus) = serve(&[]);
     let bus = format!("lockstep://{bus}");
     let mut child = Command::new(env!("CARGO_BIN_EXE_omnibus"))
         .args(["accept", "--level", "3", "--tape", "--bus", &bus])

@@ -70,7 +70,8 @@ fn every_line_of_the_page_runs_in_its_order() {
     let page = std::fs::read_to_string(root().join("docs/operating.md")).unwrap();
     let (folder, programs) = (folder(), programs());
     let path = std::env::join_paths(
-        std::iter::once(programs).chain(std::env::split_paths(&std::env::var_os("PATH").unwrap())),
+        std::iter::once(programs.to_owned())
+            .chain(std::env::split_paths(&std::env::var_os("PATH").unwrap())),
     )
     .unwrap();
     let mut served = None;

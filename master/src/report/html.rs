@@ -62,7 +62,7 @@ pub fn to_html(report: &Report) -> Result<String, ChartError> {
             out,
             "<p class=\"lead\"><strong>Ended after {seconds:.1} s, before the end of the curve: \
              {}.</strong> What was driven until then is shown.</p>",
-            escape(reason)
+            escape(reason.trim_end_matches('.'))
         );
     }
     out.push_str("<div class=\"cards\">");

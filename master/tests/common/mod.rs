@@ -1,8 +1,10 @@
 //! What tests of the command share: running it, and comparing what it prints with a committed text.
 #![allow(dead_code, reason = "every test uses its part")]
 
+use std::io::{BufRead as _, BufReader};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Output};
+use std::process::{Child, Command, Output, Stdio};
+use std::sync::LazyLock;
 
 /// The root of the repository.
 pub fn root() -> PathBuf {
@@ -58,10 +60,10 @@ pub fn check(name: &str, found: &str) {
     );
 }
 
-/// The programs' folder: builds the simulator, which is another package's. As a part of all that is
-/// tested: alone, it would have fewer features of the libraries it shares, and these would be built
-/// once more.
-pub fn programs() -> PathBuf {
+/// The programs' folder, once the simulator is built, which is another package's. As a part of all
+/// that is tested: alone, it would have fewer features of the libraries it shares, and these would
+/// be built once more.
+static PROGRAMS: LazyLock<PathBuf> = LazyLock::new(|| {
     let omnibus = Path::new(env!("CARGO_BIN_EXE_omnibus"));
     let built = Command::new(env!("CARGO"))
         .args(["build", "--workspace", "--bin", "omnibus-sim"])
@@ -71,6 +73,11 @@ pub fn programs() -> PathBuf {
         .unwrap();
     assert!(built.success());
     omnibus.parent().unwrap().to_owned()
+});
+
+/// The programs' folder, with the simulator in it.
+pub fn programs() -> &'static Path {
+    &PROGRAMS
 }
 
 /// The simulator, which ends with the test.
@@ -81,4 +88,28 @@ impl Drop for Served {
         let _ = self.0.kill();
         let _ = self.0.wait();
     }
+}
+
+/// A simulator of two robots whose time waits for its client, with these faults (values of
+/// `--fault`), and the address at which it serves.
+pub fn serve(faults: &[&str]) -> (Served, String) {
+    let child = Command::new(programs().join("omnibus-sim"))
+        .args(["serve", "groups/tcc-2.toml", "--lockstep", "127.0.0.1:0"])
+        .args(faults.iter().flat_map(|fault| ["--fault", fault]))
+        .current_dir(root())
+        .env("OMNIBUS_SIM_SPEED", "max")
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .spawn();
+    let mut served = Served(child.unwrap());
+    let lines = BufReader::new(served.0.stdout.take().unwrap()).lines();
+    // To the last line that it prints: it must not find its output closed.
+    let printed: Vec<String> = lines
+        .map_while(Result::ok)
+        .take_while(|line| !line.starts_with("serving"))
+        .collect();
+    let address = printed
+        .iter()
+        .find_map(|line| line.strip_prefix("lockstep "));
+    (served, address.expect("an address").to_owned())
 }
