@@ -308,25 +308,34 @@ fn the_currents_of_all_sensors_are_added() {
     }
 }
 
-/// Flashes of the LED of a robot over so many milliseconds: for how long it is on and then
+/// Flashes of the LEDs of these robots over so many milliseconds: for how long it is on and then
 /// off, in tens of milliseconds. What has begun before and what has not ended is left out.
-fn flashes(world: &mut World, node: u8, (port, pin): (Port, u8), millis: u64) -> Vec<(u32, u32)> {
-    let mut spells: Vec<(bool, u32)> = Vec::new();
+fn flashes<const N: usize>(
+    world: &mut World,
+    nodes: [u8; N],
+    (port, pin): (Port, u8),
+    millis: u64,
+) -> [Vec<(u32, u32)>; N] {
+    let mut spells = [const { Vec::<(bool, u32)>::new() }; N];
     for _ in 0..millis / 10 {
         world
             .run_until(canopen::Micros(world.now().0 + 10_000))
             .unwrap();
-        let board = world.board(node).unwrap();
-        let is_on = board.output(port, pin) == emulator::PinLevel::High;
-        match spells.last_mut() {
-            Some((was_on, length)) if *was_on == is_on => *length += 1,
-            _ => spells.push((is_on, 1)),
+        for (node, spells) in nodes.into_iter().zip(&mut spells) {
+            let board = world.board(node).unwrap();
+            let is_on = board.output(port, pin) == emulator::PinLevel::High;
+            match spells.last_mut() {
+                Some((was_on, length)) if *was_on == is_on => *length += 1,
+                _ => spells.push((is_on, 1)),
+            }
         }
     }
-    let begin = spells.iter().skip(1).position(|(is_on, _)| *is_on);
-    let whole = &spells[begin.map_or(spells.len(), |at| at + 1)..spells.len() - 1];
-    let pairs = whole.chunks_exact(2);
-    pairs.map(|pair| (pair[0].1, pair[1].1)).collect()
+    spells.map(|spells| {
+        let begin = spells.iter().skip(1).position(|(is_on, _)| *is_on);
+        let whole = &spells[begin.map_or(spells.len(), |at| at + 1)..spells.len() - 1];
+        let pairs = whole.chunks_exact(2);
+        pairs.map(|pair| (pair[0].1, pair[1].1)).collect()
+    })
 }
 
 /// The LED tells a robot's own fault from one that follows from another robot's
@@ -335,19 +344,20 @@ fn the_led_tells_the_cause_from_what_follows(robots: &Robots) {
     const FLASH: (u32, u32) = (20, 20);
     const LAST: (u32, u32) = (20, 100);
     const LONG: (u32, u32) = (100, 20);
+    let group = robots.group("tcc-2");
+    let nodes = [group.robots[0].node, group.robots[1].node];
+    let world = World::new(&group, robots.backend(), Options::default()).unwrap();
+    let mut link = SimLink::new(world, "test");
+    let mut session = Group::connect(&mut link, &group).unwrap();
+    session.configure(true).unwrap();
+    session.start().unwrap();
+    for _ in 0..200 {
+        session
+            .cycle(kinematics::Twist::new(0.1, 0.0, 0.0))
+            .unwrap();
+    }
     for (is_stop, own) in [(false, &[FLASH, FLASH, LAST][..]), (true, &[FLASH, LAST])] {
-        let group = robots.group("tcc-2");
-        let world = World::new(&group, robots.backend(), Options::default()).unwrap();
-        let mut link = SimLink::new(world, "test");
-        let mut session = Group::connect(&mut link, &group).unwrap();
-        session.configure(true).unwrap();
-        session.start().unwrap();
-        for _ in 0..200 {
-            session
-                .cycle(kinematics::Twist::new(0.1, 0.0, 0.0))
-                .unwrap();
-        }
-        let world = &mut session.link().world;
+        let mut world = session.link().world.try_clone().unwrap();
         if is_stop {
             world.set_emergency_stop(1, true);
         } else {
@@ -363,12 +373,11 @@ fn the_led_tells_the_cause_from_what_follows(robots: &Robots) {
                     .clone()
                     .all(|(a, b)| a.0.abs_diff(b.0) <= 1 && a.1.abs_diff(b.1) <= 1)
         };
-        let found = flashes(world, group.robots[0].node, robots.led, 5_000);
-        assert!(near(&found, &[LONG]), "follows: {found:?}");
-        let found = flashes(world, group.robots[1].node, robots.led, 6_000);
-        let begin = found.iter().position(|flash| flash.1.abs_diff(LAST.1) <= 1);
-        let after = begin.map_or(&[][..], |at| &found[at + 1..]);
-        assert!(near(after, own), "its own: {found:?}");
+        let [follows, cause] = flashes(&mut world, nodes, robots.led, 6_000);
+        assert!(near(&follows, &[LONG]), "follows: {follows:?}");
+        let begin = cause.iter().position(|flash| flash.1.abs_diff(LAST.1) <= 1);
+        let after = begin.map_or(&[][..], |at| &cause[at + 1..]);
+        assert!(near(after, own), "its own: {cause:?}");
     }
 }
 

@@ -190,11 +190,11 @@ fn assert_panic_is_named(world: &mut World, image: &emulator::Firmware, what: &s
 #[test]
 fn a_crash_while_reversing_leaves_the_bridges_safe() {
     for (told, driver) in FITTING {
+        let group = group(told, driver);
+        let mut link = link(&group);
+        let mut session = driving(&mut link, &group, -0.3);
         for how in [Crash::Nowhere, Crash::Panic, Crash::StackOverflow] {
-            let group = group(told, driver);
-            let mut link = link(&group);
-            let mut session = driving(&mut link, &group, -0.3);
-            let world = &mut session.link().world;
+            let world = &mut session.link().world.try_clone().unwrap();
             let what = format!("{driver:?}, {how:?}");
             let mut crashed = world.crash(0, how);
             // Some need a program that sleeps.
@@ -257,11 +257,11 @@ fn the_emergency_stop_needs_no_program() {
 #[test]
 fn one_wire_of_the_stop_cuts_both_pwms_within_a_tick() {
     for told in [StageKind::InInFast, StageKind::InInBrake] {
+        let group = group(told, Driver::HalfBridges);
+        let mut link = link(&group);
+        let mut session = driving(&mut link, &group, 0.3);
         for (port, pin) in [(Port::B, 12), (Port::A, 6)] {
-            let group = group(told, Driver::HalfBridges);
-            let mut link = link(&group);
-            let mut session = driving(&mut link, &group, 0.3);
-            let world = &mut session.link().world;
+            let world = &mut session.link().world.try_clone().unwrap();
             assert!(world.truth().robots[0].duties[0] > 0.0);
             world.board(2).unwrap().set_input(port, pin, true);
             let next = world.now().0 + 1_100;

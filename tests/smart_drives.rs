@@ -145,17 +145,18 @@ fn it_drives_straight(image: &str) {
 /// A program that fails: its last words are no current, and then it is silent. Long before the
 /// drives would have noticed by themselves there is none.
 fn a_crash_leaves_the_drives_without_current(image: &str) {
+    let group = common::group("c620");
+    let mut link = link(&group, image);
+    let mut session = driving(&mut link, &group, 0.6);
+    let moving = &session.link().world;
+    assert!(moving.truth().robots[0].currents[0] > 0.3);
     for how in [Crash::Nowhere, Crash::Panic, Crash::StackOverflow] {
-        let group = common::group("c620");
-        let mut link = link(&group, image);
-        let mut session = driving(&mut link, &group, 0.6);
-        let world = &mut session.link().world;
-        assert!(world.truth().robots[0].currents[0] > 0.3);
+        let mut world = moving.try_clone().unwrap();
         while !world.crash(0, how) {
-            run_us(world, 7);
+            run_us(&mut world, 7);
         }
         for later_us in [1_500, 10_000, 60_000, 60_000] {
-            run_us(world, later_us);
+            run_us(&mut world, later_us);
             let robot = world.truth().robots[0];
             assert_eq!(robot.currents, [0.0; 4], "{how:?} after {later_us} us");
             assert!(!robot.brake_released, "{how:?}");
@@ -204,8 +205,9 @@ fn promised(fault: Fault) -> u64 {
 /// Cut within the promise; a hot motor is not cut, its robot ramps and is named as fast.
 fn a_fault_of_a_drive_is_named_in_time(image: &str) {
     let group = common::group("c620");
+    let moving = moving(&group, image);
     for (change, fault) in IN_MOTION {
-        let mut master = moving(&group, image);
+        let mut master = moving.try_clone().unwrap();
         master.world.set_smart_drive(0, 1, change);
         let live = |world: &World| world.truth().robots[0].brake_released;
         let cuts = fault.reaction() == protocol::Reaction::Cut;
@@ -293,10 +295,11 @@ fn change(master: &mut TestMaster, change: DriveChange) {
 
 fn no_drive_has_current_after_any_stop(image: &str) {
     let group = common::group("c620");
+    let moving = moving(&group, image);
+    let currents = |master: &TestMaster| master.world.truth().robots[0].currents;
+    assert!(currents(&moving).iter().any(|a| a.abs() > 0.3));
     for (name, stop, ms) in STOPS {
-        let mut master = moving(&group, image);
-        let currents = |master: &TestMaster| master.world.truth().robots[0].currents;
-        assert!(currents(&master).iter().any(|a| a.abs() > 0.3), "{name}");
+        let mut master = moving.try_clone().unwrap();
         stop(&mut master);
         master.run(ms).unwrap();
         for later_ms in 0..300 {
