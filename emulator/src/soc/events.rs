@@ -61,7 +61,7 @@ impl Soc {
         let (now, now_ps) = (self.now, self.now_ps());
         for number in 0..self.timers.len() {
             // A quiet timer has no event, and is brought to the present when something looks at it.
-            if self.timers[number].is_quiet() && self.trace.is_none() {
+            if self.timers[number].is_quiet() {
                 continue;
             }
             let delayed = self.timers[number].edge_due(now);

@@ -312,16 +312,29 @@ impl Soc {
 
     /// Compares all outputs with the record.
     pub(super) fn record(&mut self, trace: &mut Trace) {
+        let mut changed = false;
         for (index, timer) in PWM_TIMERS.into_iter().enumerate() {
-            self.timers[timer].sync(self.now);
+            // Nothing else that its outputs follow from changes with time alone.
+            let load = self.timers[timer].next_load();
+            if load.is_some_and(|at| at <= self.now) {
+                self.timers[timer].sync(self.now);
+            }
             let state = self.timers[timer].output_state();
             if !trace.is_new(index, (self.wiring, self.clock.hz(), state)) {
                 continue;
             }
+            changed = true;
             for channel in 1..=4 {
                 trace.pwm(self.now, index, channel, self.pwm(timer, channel));
             }
         }
+        if changed {
+            self.record_pins(trace);
+        }
+        trace.request(self.can.requests(), self.can.latest_request());
+    }
+
+    fn record_pins(&mut self, trace: &mut Trace) {
         for port in Port::ALL {
             let (mut low, mut high) = self.gpio[port as usize].all_driven();
             // A complementary output on its own is a gate, high or low; a timer's channel is its
@@ -342,7 +355,6 @@ impl Soc {
             }
             trace.pins(self.now, port, low, high);
         }
-        trace.request(self.can.requests(), self.can.latest_request());
     }
 }
 
