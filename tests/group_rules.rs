@@ -4,19 +4,19 @@
 //! release image (`OMNIBUS_ELF` names it, `OMNIBUS_ELF_BOARD_C` that of RoboMaster's Board C). What
 //! robots do is seen from outside only: their frames, their bridges, their wheels.
 
+#[path = "group_rules/begin.rs"]
+mod begin;
 mod common;
 
+use begin::{configured, moving, start, tcc_3, waiting};
 use canopen::NmtCommand;
 #[cfg(feature = "emulated")]
 use common::image;
-use group::GroupFile;
 use kinematics::Twist;
-use omnibus::session::Group;
-use omnibus::simulation::link::SimLink;
 use protocol::address as at;
-use protocol::{Address, Code, Fault, Limit, MemberState, Scale, Value, cob};
+use protocol::{Address, Code, Fault, Limit, MemberState, Scale, cob};
 use sim::test_master::TestMaster;
-use sim::{Backend, Options, RobotTruth, World};
+use sim::{Backend, RobotTruth};
 
 const FORWARD: Twist = Twist::new(0.6, 0.0, 0.0);
 const MIXED: Twist = Twist::new(0.6, 0.3, 0.2);
@@ -27,58 +27,14 @@ const NODES: [u8; 3] = [2, 3, 4];
 /// How well a wheel follows a reference that falls, rad/s; the fastest turn with 7.
 const FOLLOWS: f64 = 0.15;
 
-/// The group whose robots are tried. With images for each kind of robot they are Board Cs with C620
-/// drives, and lighter: these drives give 20 A.
-fn tcc_3(backend: &Backend) -> GroupFile {
-    let mut file = common::group("tcc-3");
-    if matches!(backend, Backend::Images(_)) {
-        for robot in &mut file.robots {
-            robot.board = group::Board::RobomasterC;
-            robot.output.kind = group::StageKind::C620;
-            robot.output.largest_current = Some(20.0);
-            robot.motor.inertia = 0.2;
-            robot.encoder.counts_per_revolution = 8192.0;
-            robot.encoder.gear_ratio = 3591.0 / 187.0;
-        }
-    }
-    file
-}
-
-/// A group of three, configured, waiting for its start.
-fn configured(backend: &Backend, file: &GroupFile, more: &[(Address, f32)]) -> TestMaster {
-    let options = Options {
-        truth_period_ns: 0,
-        ..Options::default()
-    };
-    let world = World::new(file, backend.clone(), options).unwrap();
-    let mut link = SimLink::new(world, "test");
-    let mut session = Group::connect(&mut link, file).unwrap();
-    session.configure(false).unwrap();
-    for node in NODES {
-        for (address, value) in more {
-            let wire = session.wire();
-            wire.write(node, *address, Value::F32(*value)).unwrap();
-        }
-    }
-    TestMaster::new(link.world, file)
-}
-
-/// Starts a group and gives it a setpoint.
-fn start(master: &mut TestMaster, twist: Twist, millis: u64) {
-    master.run(60).unwrap();
-    master.command(NmtCommand::Start, None);
-    master.run(60).unwrap();
-    assert!(master.all_are(MemberState::Moving));
-    master.twist = Some(twist);
-    master.run(millis).unwrap();
-}
-
-fn moving(backend: &Backend, twist: Twist) -> TestMaster {
-    let file = tcc_3(backend);
-    let mut master = configured(backend, &file, &[]);
-    start(&mut master, twist, 600);
-    assert!(master.all_are(MemberState::Moving));
-    master
+/// Writes a value of one to four bytes, whatever it is answered.
+fn write(master: &mut TestMaster, node: u8, at: Address, value: &[u8]) {
+    let [low, high] = at.index.to_le_bytes();
+    let unused = 4 - value.len() as u8;
+    let mut request = [0x23 | unused << 2, low, high, at.sub, 0, 0, 0, 0];
+    request[4..4 + value.len()].copy_from_slice(value);
+    let frame = canopen::Frame::new(cob::sdo_request(node), &request).unwrap();
+    master.world.send(frame);
 }
 
 fn code(master: &TestMaster, node: u8) -> Code {
@@ -136,8 +92,7 @@ fn rule_1_permitted_scale_is_that_of_its_own_wheels(backend: &Backend) {
 }
 
 fn rule_2_twist_takes_effect_the_agreement_delay_after_its_sync(backend: &Backend) {
-    let file = tcc_3(backend);
-    let mut master = configured(backend, &file, &[]);
+    let mut master = waiting(backend);
     start(&mut master, Twist::default(), 100);
     master.run_to_phase(10, 5).unwrap();
     master.twist = Some(FORWARD);
@@ -306,13 +261,8 @@ fn rule_4_restart_needs_an_nmt_start(backend: &Backend) {
 
 /// One robot of three has another acceleration limit: nothing moves, and all say why.
 fn rule_3_a_member_that_would_do_something_else_stops_the_group(backend: &Backend) {
-    let file = tcc_3(backend);
-    let mut master = configured(backend, &file, &[]);
-    let [low, high] = at::ACCELERATION.index.to_le_bytes();
-    let [a, b, c, d] = 0.3_f32.to_le_bytes();
-    let write = [0x23, low, high, at::ACCELERATION.sub, a, b, c, d];
-    let frame = canopen::Frame::new(cob::sdo_request(3), &write).unwrap();
-    master.world.send(frame);
+    let mut master = waiting(backend);
+    write(&mut master, 3, at::ACCELERATION, &0.3_f32.to_le_bytes());
     master.run(20).unwrap();
     master.command(NmtCommand::Start, None);
     master.run(200).unwrap();
@@ -327,12 +277,8 @@ fn rule_3_a_member_that_would_do_something_else_stops_the_group(backend: &Backen
 /// The protective stop of one: it ramps down like all others, who hear of it by its emergency
 /// message.
 fn rule_3_a_protective_stop_of_one_is_a_ramp_of_all(backend: &Backend) {
-    let file = tcc_3(backend);
-    let mut master = configured(backend, &file, &[]);
-    let [low, high] = at::PROTECTIVE_STOP.index.to_le_bytes();
-    let write = [0x2F, low, high, at::PROTECTIVE_STOP.sub, 1, 0, 0, 0];
-    let frame = canopen::Frame::new(cob::sdo_request(4), &write).unwrap();
-    master.world.send(frame);
+    let mut master = waiting(backend);
+    write(&mut master, 4, at::PROTECTIVE_STOP, &[1]);
     master.run(20).unwrap();
     start(&mut master, FORWARD, 600);
     master.run_to_phase(100, 1).unwrap();
@@ -461,11 +407,7 @@ fn free_robots_with_a_slow_one(backend: &Backend, one_by_one: bool) -> f64 {
     if one_by_one {
         for node in NODES {
             let mask = (1_u32 << node).to_le_bytes();
-            let [low, high] = at::MEMBERS.index.to_le_bytes();
-            let [a, b, c, d] = mask;
-            let write = [0x23, low, high, at::MEMBERS.sub, a, b, c, d];
-            let frame = canopen::Frame::new(cob::sdo_request(node), &write).unwrap();
-            master.world.send(frame);
+            write(&mut master, node, at::MEMBERS, &mask);
         }
         master.run(20).unwrap();
     }

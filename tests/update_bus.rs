@@ -8,6 +8,8 @@
 
 mod common;
 
+use std::sync::Mutex;
+
 use boot::Slot;
 use boot::header::Board as ImageBoard;
 use boot::records::{ATTEMPTS, State};
@@ -101,6 +103,19 @@ fn update(robot: &mut Robot, download: &[u8]) -> Result<(), Failure> {
     assert!(robot.boots()?, "the new image starts");
     robot.control(order::CONFIRM)?;
     robot.ready().map(|_| ())
+}
+
+/// A robot that has just been ordered to start the new image: a copy of one for all tests.
+fn brought(file: &File) -> Robot {
+    static BROUGHT: Mutex<Vec<(ImageBoard, Robot)>> = Mutex::new(Vec::new());
+    let mut all = BROUGHT.lock().unwrap();
+    if let Some((_, robot)) = all.iter().find(|(board, _)| *board == file.board) {
+        return robot.clone();
+    }
+    let mut robot = flashed(file);
+    bring(&mut robot, &file.download(|_| ())).unwrap();
+    all.push((file.board, robot.clone()));
+    robot
 }
 
 /// Power-on with this content: the slot that is on the bus. The robot stays.
@@ -301,12 +316,16 @@ fn an_image_that_fails_gives_way_to_the_old_one(robots: &Robots) {
             on_bus: Some(hang),
         },
     ] {
-        let file = match bad.code {
-            Some((function, code)) => File::new(robots).replace(function, &code),
-            None => File::new(robots),
+        let mut file = File::new(robots);
+        let mut robot = match bad.code {
+            Some((function, code)) => {
+                file = file.replace(function, &code);
+                let mut robot = flashed(&file);
+                bring(&mut robot, &file.download(|_| ())).unwrap();
+                robot
+            }
+            None => brought(&file),
         };
-        let mut robot = flashed(&file);
-        bring(&mut robot, &file.download(|_| ())).unwrap();
         if let Some(fail) = bad.on_bus {
             for _ in 0..ATTEMPTS {
                 assert!(robot.boots_within(500 * MS).unwrap(), "{}", bad.name);
@@ -333,9 +352,7 @@ fn an_image_that_fails_gives_way_to_the_old_one(robots: &Robots) {
 
 /// The image is not confirmed, and receives no master: it starts again after a minute.
 fn an_image_that_is_never_confirmed_gives_way_to_the_old_one(robots: &Robots) {
-    let file = File::new(robots);
-    let mut robot = flashed(&file);
-    bring(&mut robot, &file.download(|_| ())).unwrap();
+    let mut robot = brought(&File::new(robots));
     assert!(robot.boots().unwrap());
     for _ in 0..ATTEMPTS {
         assert_eq!(robot.slot(), Some(Slot::B));
@@ -352,8 +369,7 @@ fn an_image_that_is_never_confirmed_gives_way_to_the_old_one(robots: &Robots) {
 /// again, and the client can have the old one back.
 fn an_image_that_confirms_itself_and_dies_is_started_again_and_can_be_sent_back(robots: &Robots) {
     let file = File::new(robots);
-    let mut robot = flashed(&file);
-    bring(&mut robot, &file.download(|_| ())).unwrap();
+    let mut robot = brought(&file);
     robot.master = true;
     assert!(robot.boots().unwrap());
     robot.pass(4_000 * MS).unwrap();

@@ -42,7 +42,7 @@ pub const DRIVES: Robots = Robots {
 
 /// Both links of the release image.
 pub struct File {
-    board: Board,
+    pub board: Board,
     /// That for slot A, with the boot code.
     pub firmware: Firmware,
     a: Vec<u8>,

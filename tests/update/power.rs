@@ -15,7 +15,6 @@ use super::*;
 
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
-use std::sync::Mutex;
 
 const SAVE: Address = Address::new(0x1010, 1);
 /// A parameter that is stored before the update, half the track in m; 0.2 if nothing is stored.

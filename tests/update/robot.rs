@@ -49,6 +49,7 @@ impl Flash for Content {
 }
 
 /// See the [module](self).
+#[derive(Clone)]
 pub struct Robot {
     pub board: Board,
     /// What the robot has sent, with the time in ns.
