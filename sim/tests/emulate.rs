@@ -5,7 +5,7 @@
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::process::{Child, ChildStdout, Command, Stdio};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use emulator::{Board, BoardConfig, Firmware};
 
@@ -45,6 +45,13 @@ impl Emulated {
         let mut line = String::new();
         self.lines.read_line(&mut line).unwrap();
         line
+    }
+
+    /// Sends what Ctrl-C does.
+    fn interrupt(&self) {
+        let pid = self.child.id().to_string();
+        let sent = Command::new("kill").args(["-INT", &pid]).status().unwrap();
+        assert!(sent.success());
     }
 
     /// Waits for the end; whether it was a good one, and what was said on standard error.
@@ -172,11 +179,32 @@ fn the_log_is_on_the_terminal_and_a_signal_ends_it() {
     let line = emulated.line();
     assert!(line.contains("reset: Power, node 2"), "{line}");
     assert!(line.contains("src/start.rs:"), "{line}");
-    let pid = emulated.child.id().to_string();
-    let sent = Command::new("kill").args(["-INT", &pid]).status().unwrap();
-    assert!(sent.success());
+    emulated.interrupt();
     let (good, output) = emulated.ended();
     assert!(good, "{output}");
+}
+
+/// A trace begins at once, and what a signal ends is complete: time stamps up to the end, and
+/// Embassy's tasks by their names.
+#[test]
+fn a_trace_begins_soon_and_outlives_the_signal() {
+    let file = std::env::temp_dir().join(format!("omnibus-trace-{}.vcd", std::process::id()));
+    let began = Instant::now();
+    let mut emulated = Emulated::new(&["--trace", file.to_str().unwrap()]);
+    assert_eq!(emulated.line(), "node 2\n");
+    let waited = began.elapsed();
+    assert!(waited < Duration::from_secs(10), "{waited:?}");
+    while !emulated.line().contains("stack:") {}
+    emulated.interrupt();
+    let (good, output) = emulated.ended();
+    assert!(good, "{output}");
+    let trace = std::fs::read_to_string(&file).unwrap();
+    std::fs::remove_file(file).unwrap();
+    let last = trace.lines().rev().find_map(|line| line.strip_prefix('#'));
+    let last: u64 = last.unwrap().parse().unwrap();
+    assert!(last > 1_000_000_000, "{last}");
+    assert!(trace.contains("sbus "), "{trace}");
+    assert!(trace.contains("scontrol "), "{trace}");
 }
 
 #[test]

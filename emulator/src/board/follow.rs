@@ -8,7 +8,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use crate::firmware::Firmware;
+use crate::firmware::{Firmware, Symbol};
 use crate::trace::Change;
 
 /// What the symbols of all poll functions have in common.
@@ -80,37 +80,43 @@ impl Follow {
 
 /// All poll functions by address, with the names of their tasks.
 fn tasks(firmware: &Firmware) -> BTreeMap<u32, Arc<str>> {
-    let polls = firmware
-        .functions()
+    let functions = firmware.functions().iter();
+    let polls: Vec<_> = functions.filter(|f| f.name.contains(POLL)).collect();
+    let code = polls
         .iter()
-        .filter(|f| f.name.contains(POLL));
-    polls
-        .map(|function| {
-            let mut found = BTreeMap::<String, u32>::new();
-            for at in (function.address..function.address + function.size).step_by(2) {
-                if let Some(name) = firmware.location(at).as_deref().and_then(task_name) {
-                    *found.entry(name.to_owned()).or_default() += 1;
-                }
+        .flat_map(|poll| (poll.address..poll.address + poll.size).step_by(2));
+    let code: Vec<u32> = code.collect();
+    let frames = firmware.names(&code);
+    let named = |poll: &&Symbol| {
+        let mut found = BTreeMap::<&str, u32>::new();
+        for (at, frames) in code.iter().zip(&frames) {
+            if (poll.address..poll.address + poll.size).contains(at)
+                && let Some(name) = task_name(frames)
+            {
+                *found.entry(name).or_default() += 1;
             }
-            let most = found.into_iter().max_by_key(|(_, count)| *count);
-            let name = most.map_or_else(|| format!("{:#010x}", function.address), |(name, _)| name);
-            (function.address, Arc::from(name))
-        })
-        .collect()
+        }
+        let most = found.into_iter().max_by_key(|(_, count)| *count);
+        let name = most.map_or_else(
+            || format!("{:#010x}", poll.address),
+            |(name, _)| name.into(),
+        );
+        (poll.address, Arc::from(name))
+    };
+    polls.iter().map(named).collect()
 }
 
-/// The task whose code lies at a location, "innermost < .. < task::{async_fn#0} (file) < poll
-/// (file)".
-fn task_name(location: &str) -> Option<&str> {
-    let frames: Vec<&str> = location.split(" < ").collect();
+/// The task whose code these functions are inlined into each other at, innermost first: what the
+/// task calls, `task::{async_fn#0}`, poll.
+fn task_name(frames: &[String]) -> Option<&str> {
     let poll = frames.iter().position(|frame| frame.contains("::poll"))?;
     let frame = frames[..poll]
         .iter()
         .rev()
         .find(|frame| !frame.contains("embassy_executor"))?;
-    let path = frame.split(" (").next()?;
     // Embassy's macro makes __name_task of a task's name, and puts functions of its own into it.
-    path.split("::")
+    frame
+        .split("::")
         .find_map(|part| part.strip_prefix("__")?.strip_suffix("_task"))
 }
 
@@ -120,11 +126,14 @@ mod tests {
 
     #[test]
     fn a_task_is_named_by_what_is_inlined_into_its_poll_function() {
-        let location = "core::ptr::read (ptr.rs:1) < \
-            omnibus_firmware::start::__led_task::inner::{async_fn#0} (led.rs:3) < \
-            embassy_executor::raw::TaskStorage<F>::poll (raw/mod.rs:9)";
-        assert_eq!(task_name(location), Some("led"));
-        assert_eq!(task_name("memcpy (x.rs:1)"), None);
+        let frames = [
+            "core::ptr::read",
+            "omnibus_firmware::start::__led_task::inner::{async_fn#0}",
+            "embassy_executor::raw::TaskStorage<F>::poll",
+        ]
+        .map(str::to_owned);
+        assert_eq!(task_name(&frames), Some("led"));
+        assert_eq!(task_name(&["memcpy".to_owned()]), None);
     }
 
     #[test]

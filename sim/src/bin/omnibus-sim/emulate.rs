@@ -45,7 +45,7 @@ pub struct Emulate {
     #[arg(long, value_name = "PORT")]
     gdb: Option<String>,
     /// Writes PWM, pins, encoders, CAN frames, exceptions and tasks to a VCD file, which makes the
-    /// emulation about ten times slower.
+    /// emulation some six times slower.
     #[arg(long, value_name = "FILE")]
     trace: Option<PathBuf>,
     #[command(flatten)]
