@@ -229,8 +229,11 @@ fn names_are_found_and_split() {
 /// The causes of an error type that its own messages print as well: field, and line of the message.
 fn repeated_causes(text: &str) -> Vec<(usize, &str)> {
     let mut found = Vec::new();
-    for (at, _) in text.match_indices("#[error(\"") {
+    for (at, _) in text.match_indices("#[error(") {
         let rest = &text[at..];
+        if !rest["#[error(".len()..].trim_start().starts_with('"') {
+            continue;
+        }
         let (message, variant) = rest.split_once(")]\n").unwrap_or((rest, ""));
         let variant = variant.split("#[error(").next().unwrap_or_default();
         let mut marked = false;
@@ -269,7 +272,9 @@ fn errors_print_their_cause_once() {
 #[test]
 fn repeated_causes_are_found() {
     let text = |message: &str, variant: &str| {
-        format!("enum E {{\n#[error(\"{message}\")]\n{variant}\n}}\n")
+        // A long message is on lines of its own.
+        let lines = if message.contains('\n') { "\n" } else { "" };
+        format!("enum E {{\n#[error({lines}\"{message}\"{lines})]\n{variant}\n}}\n")
     };
     for (message, variant, causes) in [
         ("{path}: {source}", "Io {\n/// It.\nsource: Error,\n},", 1),
@@ -278,6 +283,7 @@ fn repeated_causes_are_found() {
         ("no file: {0}", "Io(Error),", 0),
         ("no file: {why}", "Io {\n#[source]\nwhy: Error,\n},", 1),
         ("no file: {why}", "Io {\nwhy: Error,\n},", 0),
+        ("no file: \\\n{why}", "Io {\n#[source]\nwhy: Error,\n},", 1),
     ] {
         assert_eq!(
             repeated_causes(&text(message, variant)).len(),

@@ -10,6 +10,7 @@ use acceptance::{Bound, Check};
 
 use super::{AcceptError, Step, not_tried};
 use crate::path::curve::Curve;
+use crate::report::figures::percent;
 use crate::run::DriveError;
 
 /// The curves, with what is measured of each.
@@ -154,7 +155,7 @@ fn check(
         let reason = "it was not measured".to_owned();
         return not_tried(name, bound, "%", source.to_owned(), reason);
     };
-    let text = |value: Option<f64>| value.map_or("-".to_owned(), |v| format!("{v:+.2} %"));
+    let text = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), percent);
     Check {
         name,
         promised: bound,

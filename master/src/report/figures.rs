@@ -16,7 +16,14 @@ pub struct Row {
 /// A signed percentage with two decimals, as the paper prints them.
 #[must_use]
 pub fn percent(value: f64) -> String {
-    format!("{value:+.2} %")
+    format!("{} %", signed(value, 2))
+}
+
+/// A number with its sign and so many decimals; what they show as nothing is on neither side of it.
+fn signed(value: f64, decimals: usize) -> String {
+    let text = format!("{value:+.decimals$}");
+    let is_zero = text.parse() == Ok(0.0);
+    if is_zero { text[1..].to_owned() } else { text }
 }
 
 /// A bus load with one decimal.
@@ -68,7 +75,7 @@ pub fn rows(report: &Report) -> Vec<Row> {
         ),
         row(
             "lag behind the curve",
-            &|run| format!("{:+.2} ms", run.evenness.lag_ms),
+            &|run| format!("{} ms", signed(run.evenness.lag_ms, 2)),
             None,
         ),
         row(
@@ -78,7 +85,7 @@ pub fn rows(report: &Report) -> Vec<Row> {
         ),
         row(
             "heading error at the end",
-            &|run| format!("{:+.3} deg", run.evenness.heading_error_deg),
+            &|run| format!("{} deg", signed(run.evenness.heading_error_deg, 3)),
             None,
         ),
         row("shape error, largest", &|run| mm(run.shape_error_mm), None),
@@ -108,4 +115,22 @@ pub fn rows(report: &Report) -> Vec<Row> {
 #[must_use]
 pub fn has_paper(rows: &[Row]) -> bool {
     rows.iter().any(|row| row.paper.is_some())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_rounds_to_nothing_has_no_sign() {
+        for (value, text) in [
+            (-0.004, "0.00 %"),
+            (0.0, "0.00 %"),
+            (-0.006, "-0.01 %"),
+            (0.005_1, "+0.01 %"),
+            (-13.78, "-13.78 %"),
+        ] {
+            assert_eq!(percent(value), text);
+        }
+    }
 }
