@@ -324,6 +324,20 @@ fn what_cannot_be_meant_is_refused() {
     );
     refused(&["emulate", &elf, "--duration", "0"], "--duration");
     refused(&["emulate", &elf, "--gdb", "none:0"], "--gdb none:0");
+    // Neither the image nor another output is written to.
+    let short = ["emulate", &elf, "--duration", "0.01"];
+    refused(
+        &[&short[..], &["--trace", &elf]].concat(),
+        "this is the image",
+    );
+    assert!(Firmware::load(&elf).is_ok());
+    let both = std::env::temp_dir().join(format!("omnibus-both-{}", std::process::id()));
+    let file = both.to_str().unwrap();
+    refused(
+        &[&short[..], &["--log", file, "--trace", file]].concat(),
+        "this is another output",
+    );
+    std::fs::remove_file(both).unwrap();
     let three = concat!(env!("CARGO_MANIFEST_DIR"), "/../groups/tcc-3.toml");
     refused(&["emulate", &elf, "--group", three], "3 robots");
 }

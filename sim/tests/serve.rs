@@ -441,6 +441,43 @@ fn bad_input_is_named() {
     );
 }
 
+/// A log that would replace what the command reads is refused, and a command that is refused for
+/// anything else has not emptied an older log.
+#[test]
+fn no_file_is_lost_to_a_log() {
+    let [own, older, played] = ["own.toml", "older.log", "played.log"].map(scratch);
+    std::fs::copy(group(), &own).unwrap();
+    std::fs::write(&older, "older\n").unwrap();
+    std::fs::write(&played, "(0.000000) can0 080#\n").unwrap();
+    for (arguments, wanted) in [
+        (
+            ["--log", &own, "--duration", "1"],
+            format!("error: --log {own}: this is the group file, which would be replaced;"),
+        ),
+        (
+            ["--log", &played, "--replay", &played],
+            format!("error: --log {played}: this is the log to replay, which would be replaced;"),
+        ),
+        (
+            ["--log", &older, "--socketcand", "nowhere"],
+            "error: cannot listen on nowhere;".to_owned(),
+        ),
+    ] {
+        let files = [&own, &older, &played];
+        let before = files.map(|file| std::fs::read(file).unwrap());
+        let output = Command::new(env!("CARGO_BIN_EXE_omnibus-sim"))
+            .args(["serve", &own])
+            .args(arguments)
+            .output()
+            .unwrap();
+        assert_eq!(output.status.code(), Some(1));
+        let message = String::from_utf8(output.stderr).unwrap();
+        assert!(message.starts_with(&wanted), "{message}");
+        let after = files.map(|file| std::fs::read(file).unwrap());
+        assert!(before == after, "{arguments:?}");
+    }
+}
+
 /// Time goes as far as its only client waits, however long that takes, and stands otherwise.
 /// A stopped process is what a busy computer makes of it: it learns of six SYNCs at once.
 #[test]

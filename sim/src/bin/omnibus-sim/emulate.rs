@@ -1,14 +1,13 @@
 //! `omnibus-sim emulate` runs one robot's image on an emulated board: its log on the terminal, its
 //! bus at the endpoints, a trace in a file, a debugger at a port.
 
-use std::fs::File;
 use std::io::BufWriter;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use anyhow::{Context as _, bail};
+use anyhow::bail;
 use clap::Args;
 use group::GroupFile;
 use omnibus_sim::{Backend, MASTER, Options, World};
@@ -16,7 +15,7 @@ use omnibus_sim::{Backend, MASTER, Options, World};
 use crate::bench::Bench;
 use crate::endpoints::Endpoints;
 use crate::gdb;
-use crate::output::print_line;
+use crate::output::{create, print_line};
 use crate::robots::firmware;
 use crate::serve::Speed;
 
@@ -84,15 +83,25 @@ pub fn emulate(arguments: &Emulate) -> anyhow::Result<()> {
         truth_period_ns: arguments.endpoints.pose_period_ns()?,
         ..Options::default()
     };
-    let create = |path: &PathBuf| {
-        File::create(path).with_context(|| format!("cannot write {}", path.display()))
-    };
     let mut world = World::new(&group, Backend::Emulator(firmware), options)?;
     world.set_listening(MASTER, false);
-    if let Some(path) = &arguments.log {
-        world.log_candump(Box::new(BufWriter::new(create(path)?)));
-    }
     let endpoints = arguments.endpoints.open(&group)?;
+    let debugger = arguments.gdb.as_deref().map(gdb::listen).transpose()?;
+    // The files last: a command that is refused replaces none.
+    let mut used = vec![(&*arguments.elf, "the image")];
+    used.extend(arguments.group.as_deref().map(|it| (it, "the group file")));
+    used.extend(arguments.endpoints.inputs());
+    let mut file = |option, path| {
+        let file = create(option, path, &used)?;
+        used.push((path, "another output"));
+        Ok::<_, anyhow::Error>(file)
+    };
+    let log = arguments.log.as_deref().map(|path| file("--log", path));
+    let trace = arguments.trace.as_deref().map(|path| file("--trace", path));
+    let (log, trace) = (log.transpose()?, trace.transpose()?);
+    if let Some(log) = log {
+        world.log_candump(Box::new(BufWriter::new(log)));
+    }
     for endpoint in &endpoints {
         print_line(endpoint.announce())?;
     }
@@ -100,11 +109,11 @@ pub fn emulate(arguments: &Emulate) -> anyhow::Result<()> {
     let seen = Arc::clone(&stop);
     ctrlc::set_handler(move || seen.store(true, Ordering::Relaxed))?;
     let mut bench = Bench::new(world, robot.node, endpoints);
-    if let Some(path) = &arguments.trace {
-        bench.trace(create(path)?)?;
+    if let Some(trace) = trace {
+        bench.trace(trace)?;
     }
-    let result = match &arguments.gdb {
-        Some(at) => gdb::serve(&mut bench, at, until_ns, &stop),
+    let result = match &debugger {
+        Some(listener) => gdb::serve(&mut bench, listener, until_ns, &stop),
         None => run(&mut bench, arguments.speed, until_ns, &stop),
     };
     bench.finish()?;

@@ -1,6 +1,6 @@
 //! The endpoints that the command line asks for.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, bail};
 use clap::Args;
@@ -90,6 +90,12 @@ impl Endpoints {
         }
     }
 
+    /// The files that they read, and what each is.
+    pub fn inputs(&self) -> impl Iterator<Item = (&Path, &'static str)> {
+        let replay = self.replay.as_deref();
+        replay.map(|path| (path, "the log to replay")).into_iter()
+    }
+
     /// Opens them all, for the robots of this group.
     pub fn open(&self, group: &GroupFile) -> anyhow::Result<Vec<Box<dyn Endpoint>>> {
         let listen = |address: &str| {
@@ -138,7 +144,7 @@ impl Endpoints {
 }
 
 #[cfg(unix)]
-fn pty(path: &std::path::Path) -> anyhow::Result<Box<dyn Endpoint>> {
+fn pty(path: &Path) -> anyhow::Result<Box<dyn Endpoint>> {
     let pty = omnibus_sim::endpoint::pty::Pty::open(path).with_context(|| {
         let path = path.display();
         format!("--pty {path}: cannot make the link; give a path that does not exist yet")
@@ -147,7 +153,7 @@ fn pty(path: &std::path::Path) -> anyhow::Result<Box<dyn Endpoint>> {
 }
 
 #[cfg(not(unix))]
-fn pty(_: &std::path::Path) -> anyhow::Result<Box<dyn Endpoint>> {
+fn pty(_: &Path) -> anyhow::Result<Box<dyn Endpoint>> {
     bail!("--pty: this system has no pseudo terminals; use --slcan-tcp")
 }
 
@@ -162,7 +168,7 @@ fn cable(text: &str, group: &GroupFile) -> anyhow::Result<Box<dyn Endpoint>> {
     let Some(node) = node.filter(|node| nodes.contains(node)) else {
         bail!("--cable {text}: no robot of the group has this node; its nodes are {nodes:?}");
     };
-    let cable = omnibus_sim::endpoint::cable::Cable::open(std::path::Path::new(path), node);
+    let cable = omnibus_sim::endpoint::cable::Cable::open(Path::new(path), node);
     Ok(Box::new(cable.with_context(|| {
         format!("--cable {path}: cannot make the link; give a path that does not exist yet")
     })?))

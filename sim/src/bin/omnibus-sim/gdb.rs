@@ -38,8 +38,8 @@ const SLICE_NS: u64 = 20_000;
 /// Between two looks at whether GDB has come or left, ns.
 const GLANCE_NS: u64 = 1_000_000;
 
-/// Serves one debugger after another.
-pub fn serve(bench: &mut Bench, at: &str, until_ns: u64, stop: &AtomicBool) -> anyhow::Result<()> {
+/// Listens for debuggers at a port of this machine, or at HOST:PORT.
+pub fn listen(at: &str) -> anyhow::Result<TcpListener> {
     let address = if at.contains(':') {
         at.to_owned()
     } else {
@@ -48,6 +48,16 @@ pub fn serve(bench: &mut Bench, at: &str, until_ns: u64, stop: &AtomicBool) -> a
     let listener = TcpListener::bind(&address)
         .with_context(|| format!("--gdb {at}: cannot listen on {address}; give a free port"))?;
     listener.set_nonblocking(true)?;
+    Ok(listener)
+}
+
+/// Serves one debugger after another.
+pub fn serve(
+    bench: &mut Bench,
+    listener: &TcpListener,
+    until_ns: u64,
+    stop: &AtomicBool,
+) -> anyhow::Result<()> {
     print_line(format_args!("gdb {}", listener.local_addr()?))?;
     let mut session = Session {
         bench,

@@ -32,6 +32,11 @@ enum BackendName {
 }
 
 impl Robots {
+    /// The image that was named.
+    pub fn image(&self) -> Option<(&Path, &'static str)> {
+        self.elf.as_deref().map(|path| (path, "the image"))
+    }
+
     /// The backend, with its image.
     ///
     /// # Errors

@@ -2,7 +2,6 @@
 //! endpoint when it is ready, and lets time pass until Ctrl-C: as fast as the clock on the wall, or
 //! as fast as it can.
 
-use std::fs::File;
 use std::io::BufWriter;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -18,7 +17,7 @@ use omnibus_sim::{Backend, MASTER, Options, World};
 
 use crate::endpoints::Endpoints;
 use crate::faults::Faults;
-use crate::output::print_line;
+use crate::output::{create, print_line};
 use crate::robots::Robots;
 
 /// Virtual time between two looks at the endpoints.
@@ -106,11 +105,6 @@ pub fn serve(arguments: &Serve) -> anyhow::Result<()> {
     }
     let mut faults = Faults::new(&group, has_processor, &arguments.fault)?;
     let mut world = World::new(&group, backend, options)?;
-    if let Some(path) = &arguments.log {
-        let file =
-            File::create(path).with_context(|| format!("cannot write {}", path.display()))?;
-        world.log_candump(Box::new(BufWriter::new(file)));
-    }
     let stop = Arc::new(AtomicBool::new(false));
     let seen = Arc::clone(&stop);
     ctrlc::set_handler(move || seen.store(true, Ordering::Relaxed))?;
@@ -123,6 +117,14 @@ pub fn serve(arguments: &Serve) -> anyhow::Result<()> {
             "no program could reach these robots; give an endpoint, for example --lockstep \
              127.0.0.1:7701, or --duration or --log to run without clients"
         );
+    }
+    // Last: a command that is refused replaces no file.
+    if let Some(path) = &arguments.log {
+        let mut used = vec![(&*arguments.group, "the group file")];
+        used.extend(arguments.robots.image());
+        used.extend(arguments.endpoints.inputs());
+        let file = create("--log", path, &used)?;
+        world.log_candump(Box::new(BufWriter::new(file)));
     }
     for endpoint in &endpoints {
         print_line(endpoint.announce())?;
