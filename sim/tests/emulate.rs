@@ -331,13 +331,21 @@ fn what_cannot_be_meant_is_refused() {
         "this is the image",
     );
     assert!(Firmware::load(&elf).is_ok());
-    let both = std::env::temp_dir().join(format!("omnibus-both-{}", std::process::id()));
-    let file = both.to_str().unwrap();
-    refused(
-        &[&short[..], &["--log", file, "--trace", file]].concat(),
-        "this is another output",
-    );
-    std::fs::remove_file(both).unwrap();
+    let log = std::env::temp_dir().join(format!("omnibus-older-{}", std::process::id()));
+    std::fs::write(&log, "older").unwrap();
+    let file = log.to_str().unwrap();
+    for (trace, word) in [
+        (file, "this is another output"),
+        (
+            "/nowhere/trace.vcd",
+            "--trace /nowhere/trace.vcd: cannot be written",
+        ),
+    ] {
+        let outputs = ["--log", file, "--trace", trace];
+        refused(&[&short[..], &outputs].concat(), word);
+        assert_eq!(std::fs::read_to_string(&log).unwrap(), "older", "{trace}");
+    }
+    std::fs::remove_file(log).unwrap();
     let three = concat!(env!("CARGO_MANIFEST_DIR"), "/../groups/tcc-3.toml");
     refused(&["emulate", &elf, "--group", three], "3 robots");
 }

@@ -91,14 +91,11 @@ pub fn emulate(arguments: &Emulate) -> anyhow::Result<()> {
     let mut used = vec![(&*arguments.elf, "the image")];
     used.extend(arguments.group.as_deref().map(|it| (it, "the group file")));
     used.extend(arguments.endpoints.inputs());
-    let mut file = |option, path| {
-        let file = create(option, path, &used)?;
-        used.push((path, "another output"));
-        Ok::<_, anyhow::Error>(file)
-    };
-    let log = arguments.log.as_deref().map(|path| file("--log", path));
-    let trace = arguments.trace.as_deref().map(|path| file("--trace", path));
-    let (log, trace) = (log.transpose()?, trace.transpose()?);
+    let outputs = [
+        ("--log", arguments.log.as_deref()),
+        ("--trace", arguments.trace.as_deref()),
+    ];
+    let [log, trace] = create(outputs, used)?;
     if let Some(log) = log {
         world.log_candump(Box::new(BufWriter::new(log)));
     }

@@ -27,18 +27,40 @@ pub fn print_line(line: impl Display) -> anyhow::Result<()> {
     }
 }
 
-/// Creates the file of an option, unless the command has it for something else: a file with what
-/// it is.
+/// Creates the files of options; `used` are those that the command has for something else, each with
+/// what it is. Where one is refused, none has replaced anything.
 ///
 /// # Errors
-/// It is one of those, or cannot be written.
-pub fn create(option: &str, path: &Path, others: &[(&Path, &str)]) -> anyhow::Result<File> {
-    let shown = path.display();
-    for (other, what) in others {
-        // A terminal is in and out; only an ordinary file would be lost.
-        if path.is_file() && path.canonicalize()? == other.canonicalize()? {
-            bail!("{option} {shown}: this is {what}, which would be replaced; give another file");
+/// One is among the `used`, or two are the same, or one cannot be written.
+pub fn create<'a, const N: usize>(
+    options: [(&str, Option<&'a Path>); N],
+    mut used: Vec<(&'a Path, &str)>,
+) -> anyhow::Result<[Option<File>; N]> {
+    let mut files = [const { None }; N];
+    for ((option, path), file) in options.into_iter().zip(&mut files) {
+        let Some(path) = path else { continue };
+        let shown = path.display();
+        let opened = File::options()
+            .write(true)
+            .create(true)
+            .truncate(false)
+            .open(path);
+        let opened = opened.with_context(|| format!("{option} {shown}: cannot be written"))?;
+        for (other, what) in &used {
+            // A terminal is in and out; only an ordinary file would be lost.
+            if path.is_file() && path.canonicalize()? == other.canonicalize()? {
+                bail!(
+                    "{option} {shown}: this is {what}, which would be replaced; give another file"
+                );
+            }
+        }
+        used.push((path, "another output"));
+        *file = Some(opened);
+    }
+    for file in files.iter().flatten() {
+        if file.metadata()?.is_file() {
+            file.set_len(0)?;
         }
     }
-    File::create(path).with_context(|| format!("{option} {shown}: cannot be written"))
+    Ok(files)
 }

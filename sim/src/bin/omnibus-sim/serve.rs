@@ -119,11 +119,10 @@ pub fn serve(arguments: &Serve) -> anyhow::Result<()> {
         );
     }
     // Last: a command that is refused replaces no file.
-    if let Some(path) = &arguments.log {
-        let mut used = vec![(&*arguments.group, "the group file")];
-        used.extend(arguments.robots.image());
-        used.extend(arguments.endpoints.inputs());
-        let file = create("--log", path, &used)?;
+    let mut used = vec![(&*arguments.group, "the group file")];
+    used.extend(arguments.robots.image());
+    used.extend(arguments.endpoints.inputs());
+    if let [Some(file)] = create([("--log", arguments.log.as_deref())], used)? {
         world.log_candump(Box::new(BufWriter::new(file)));
     }
     for endpoint in &endpoints {
