@@ -39,6 +39,19 @@ pub fn replace(path: &Path, content: impl AsRef<[u8]>) -> io::Result<()> {
     file.commit()
 }
 
+/// Finds out whether [`replace`] and [`Beside`] could write this file, and leaves everything as it is.
+///
+/// # Errors
+/// Those of [`Beside::create`].
+pub fn check(path: &Path) -> io::Result<()> {
+    match fs::metadata(path) {
+        Ok(found) if found.is_dir() => Err(io::ErrorKind::IsADirectory.into()),
+        // The reader of a pipe would take being opened and closed for its end.
+        Ok(found) if !found.is_file() => Ok(()),
+        _ => Beside::create(path).map(drop),
+    }
+}
+
 /// A file in the making. Dropping it without [`commit`](Self::commit) takes it away again.
 pub struct Beside {
     out: BufWriter<File>,

@@ -585,16 +585,3 @@ fn reset_names_the_robots_that_started_anew() {
     let none = omnibus(&["reset", "--node", "9", "--bus", BUS]);
     assert_eq!(none.status.code(), Some(4));
 }
-
-/// A report that cannot be written takes nothing from the result.
-#[test]
-fn the_result_is_printed_though_the_report_cannot_be_written() {
-    let curve = ["follow", "circle", "--scale", "0.1", "--bus", BUS];
-    let report = ["--report", "/nowhere/report.html"];
-    let output = omnibus(&[&curve[..], &report[..]].concat());
-    assert_eq!(output.status.code(), Some(1));
-    let text = String::from_utf8(output.stdout).unwrap();
-    assert!(text.contains("tracking error, rms"), "{text}");
-    let text = String::from_utf8(output.stderr).unwrap();
-    assert!(text.contains("/nowhere/report.html"), "{text}");
-}

@@ -12,7 +12,7 @@ use std::io::{BufRead as _, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use common::{Served, programs, root};
+use common::{Served, copied_group, root, serve_in};
 
 /// What makes it short.
 const SHORT: &str = " --speeds 0.25 --rates 0.5 --repeats 1 --distance 0.25";
@@ -28,15 +28,6 @@ fn documented() -> String {
     line.to_owned()
 }
 
-/// A folder with the group file, which will be written to.
-fn folder() -> PathBuf {
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("documented-calibration");
-    let _ = std::fs::remove_dir_all(&folder);
-    std::fs::create_dir_all(folder.join("groups")).unwrap();
-    std::fs::copy(root().join("groups/tcc-2.toml"), group(&folder)).unwrap();
-    folder
-}
-
 fn group(folder: &Path) -> PathBuf {
     folder.join("groups/tcc-2.toml")
 }
@@ -44,27 +35,11 @@ fn group(folder: &Path) -> PathBuf {
 /// Emulated robots in this folder, and the addresses of their bus and of their poses.
 fn serve(folder: &Path) -> (Served, String, String) {
     let elf = std::env::var("OMNIBUS_ELF").expect("OMNIBUS_ELF names a release image");
-    let child = Command::new(programs().join("omnibus-sim"))
-        .args(["serve", "groups/tcc-2.toml"])
-        .args(["--backend", "emulator", "--elf", &elf])
-        .args(["--lockstep", "127.0.0.1:0", "--pose-tcp", "127.0.0.1:0"])
-        .current_dir(folder)
-        .env("OMNIBUS_SIM_SPEED", "max")
-        .stdout(Stdio::piped())
-        .spawn();
-    let mut served = Served(child.unwrap());
-    let (mut bus, mut poses) = (String::new(), String::new());
-    for line in BufReader::new(served.0.stdout.take().unwrap()).lines() {
-        let line = line.unwrap();
-        if let Some(address) = line.strip_prefix("lockstep ") {
-            bus = format!("lockstep://{address}");
-        } else if let Some(address) = line.strip_prefix("pose-tcp ") {
-            address.clone_into(&mut poses);
-        } else if line.starts_with("serving") {
-            break;
-        }
-    }
-    (served, bus, poses)
+    let robots = ["--backend", "emulator", "--elf", &elf];
+    let poses = ["--pose-tcp", "127.0.0.1:0"];
+    let (served, address) = serve_in(folder, &[&robots[..], &poses].concat());
+    let bus = format!("lockstep://{}", address("lockstep"));
+    (served, bus, address("pose-tcp"))
 }
 
 /// Runs a line and returns what it printed.
@@ -85,7 +60,7 @@ fn run(folder: &Path, bus: &str, line: &str) -> String {
 
 #[test]
 fn the_documented_calibration_of_emulated_robots_is_written_and_saved() {
-    let folder = folder();
+    let folder = copied_group("documented-calibration");
     let (_served, bus, poses) = serve(&folder);
     let original = std::fs::read_to_string(group(&folder)).unwrap();
     let line = documented().replace("127.0.0.1:7702", &poses);

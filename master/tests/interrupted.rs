@@ -1,16 +1,16 @@
 //! Commissioning that is stopped at any moment leaves the robots at rest, all configured or none,
-//! and members of their group.
+//! and members of their group. What was driven is not lost to a file that cannot be written.
 
 mod common;
 
 use std::io::{BufRead as _, BufReader, Write as _};
 use std::net::{Shutdown, TcpListener, TcpStream};
-use std::path::Path;
-use std::process::{Command, Stdio};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
 use std::time::Duration;
 
 use canopen::{Frame, Micros};
-use common::{omnibus, root, serve};
+use common::{Served, copied_group, omnibus, root, serve, serve_in};
 use group::GroupFile;
 use kinematics::Pose;
 use omnibus::bus::link::{Link, LinkError};
@@ -276,6 +276,161 @@ fn a_robot_that_fails_in_a_drive_with_a_report() {
         "node 3: fault DriverFault (0xff0e): The motor driver reports a fault. The group ramps down."
     );
     assert!(after.contains("<svg"), "what was driven");
+}
+
+/// What would be lost after a drive is refused before it: nothing is driven or printed.
+#[test]
+fn outputs_that_cannot_be_written_are_refused_first() {
+    let folder = std::env::temp_dir().join(format!("omnibus-outputs-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let nowhere = |name: &str| folder.join("none").join(name).display().to_string();
+    let (page, picture) = (nowhere("a.html"), nowhere("a.svg"));
+    let same = folder.join("same").display().to_string();
+    let folder_itself = folder.display().to_string();
+    let dotted = format!("{}/./same", folder.display());
+    let bus = "sim:groups/tcc-2.toml";
+    let curve = ["follow", "circle", "--quick", "--bus", bus];
+    let calibrate = ["calibrate", "--speeds", "0.3", "--bus", bus];
+    for (arguments, code, message) in [
+        (
+            [&curve[..], &["--report", &page]].concat(),
+            1,
+            format!("--report {page}: cannot be written: "),
+        ),
+        (
+            [&curve[..], &["--log", &folder_itself]].concat(),
+            1,
+            format!("--log {folder_itself}: cannot be written: is a directory"),
+        ),
+        (
+            [&curve[..], &["--candump", &same, "--log", &dotted]].concat(),
+            2,
+            format!("--log {dotted}: --candump writes this file, too; give another one"),
+        ),
+        (
+            [&calibrate[..], &["--plot", &picture]].concat(),
+            1,
+            format!("--plot {picture}: cannot be written: "),
+        ),
+        (
+            [&calibrate[..], &["--write", "--kept", &page]].concat(),
+            1,
+            format!("--kept {page}: cannot be written: "),
+        ),
+    ] {
+        let output = omnibus(&arguments);
+        let errors = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {errors}");
+        assert!(errors.starts_with(&format!("error: {message}")), "{errors}");
+        assert_eq!(errors.lines().count(), 1, "{errors}");
+        assert!(output.stdout.is_empty(), "{arguments:?}");
+    }
+    assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 0);
+    std::fs::remove_dir(folder).unwrap();
+}
+
+/// Robots in a folder, and what calibrates them with few motions.
+struct Floor {
+    _served: Served,
+    folder: PathBuf,
+    bus: String,
+    poses: String,
+}
+
+impl Floor {
+    fn new(name: &str) -> Self {
+        let folder = copied_group(name);
+        let (served, address) = serve_in(&folder, &["--pose-tcp", "127.0.0.1:0"]);
+        Self {
+            _served: served,
+            folder,
+            bus: format!("lockstep://{}", address("lockstep")),
+            poses: format!("tcp://{}", address("pose-tcp")),
+        }
+    }
+
+    /// Calibrates; `spoil` is called during the second motion, if that is driven.
+    fn calibrate(&self, options: &[&str], spoil: impl FnOnce()) -> Output {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_omnibus"))
+            .args(["calibrate", "--speeds", "0.25", "--rates", "0.5"])
+            .args(["--repeats", "1", "--distance", "0.25"])
+            .args(["--bus", &self.bus, "--pose", &self.poses])
+            .args(["--group", "groups/tcc-2.toml"])
+            .args(options)
+            .current_dir(&self.folder)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let errors = BufReader::new(child.stderr.take().unwrap());
+        let (mut said, mut spoil) = (String::new(), Some(spoil));
+        for line in errors.lines().map_while(Result::ok) {
+            let is_driven = line.starts_with("motion 2 of") && line.ends_with(" to go");
+            if let Some(spoil) = spoil.take_if(|_| is_driven) {
+                spoil();
+            }
+            said += &line;
+            said.push('\n');
+        }
+        let mut output = child.wait_with_output().unwrap();
+        output.stderr = said.into();
+        output
+    }
+
+    fn group(&self) -> String {
+        std::fs::read_to_string(self.folder.join("groups/tcc-2.toml")).unwrap()
+    }
+}
+
+/// The picture's folder goes while the robots drive: the result is printed, and the error is the
+/// picture's.
+#[test]
+fn a_calibration_outlives_its_picture() {
+    let floor = Floor::new("picture");
+    let pictures = floor.folder.join("pictures");
+    std::fs::create_dir(&pictures).unwrap();
+    let remove = || std::fs::remove_dir_all(&pictures).unwrap();
+    let ended = floor.calibrate(&["--plot", "pictures/fit.svg"], remove);
+    let [out, errors] = [ended.stdout, ended.stderr].map(|it| String::from_utf8(it).unwrap());
+    assert_eq!(ended.status.code(), Some(1), "{errors}");
+    assert!(out.contains("# From `omnibus calibrate`."), "{out}");
+    assert!(
+        errors.contains("error: cannot write pictures/fit.svg"),
+        "{errors}"
+    );
+}
+
+/// What --write would write cannot be written when all motions are driven. The robots hold what they
+/// held, and --resume writes it without driving again; --undo then still knows the first values.
+#[test]
+fn a_calibration_that_cannot_be_written_is_resumed() {
+    let floor = Floor::new("unwritten");
+    let before = floor.group();
+    let undo = floor.folder.join("groups/tcc-2.calibration.json");
+    let ended = floor.calibrate(&["--write"], || std::fs::create_dir(&undo).unwrap());
+    let [out, errors] = [ended.stdout, ended.stderr].map(|it| String::from_utf8(it).unwrap());
+    assert_eq!(ended.status.code(), Some(1), "{errors}");
+    assert!(out.contains("# From `omnibus calibrate`."), "{out}");
+    assert!(errors.contains("--resume continues from there"), "{errors}");
+    assert_eq!(floor.group(), before);
+    std::fs::remove_dir(&undo).unwrap();
+    let ended = floor.calibrate(&["--write", "--resume"], || panic!("drives again"));
+    let errors = String::from_utf8(ended.stderr).unwrap();
+    assert!(ended.status.success(), "{errors}");
+    assert_eq!(
+        String::from_utf8(ended.stdout)
+            .unwrap()
+            .matches("# From")
+            .count(),
+        1
+    );
+    assert_ne!(floor.group(), before);
+    let record: serde_json::Value = serde_json::from_slice(&std::fs::read(&undo).unwrap()).unwrap();
+    assert_eq!(record["group_file"], before);
+    for robot in record["robots"].as_array().unwrap() {
+        assert_eq!(robot["constants"], serde_json::json!([1.0, 1.0, 1.0]));
+    }
+    assert!(!floor.folder.join("groups/tcc-2.calibration.jsonl").exists());
 }
 
 /// The frames of a recording are sent up to a Ctrl-C, and no robot stays in OPERATIONAL.

@@ -24,7 +24,9 @@ use serde_json::{Value, json};
 
 use super::output::Progress;
 use super::recorder::{self, RecordTo};
-use super::{Target, Usage, json, print_json, print_line, print_note, refuse_input, sync_json};
+use super::{
+    Target, Usage, json, print_json, print_line, print_note, refuse_input, refuse_shared, sync_json,
+};
 
 const EXAMPLES: &str = "Examples:
   omnibus follow figure-eight --bus sim:groups/tcc-3.toml
@@ -180,16 +182,20 @@ impl Arguments {
         }
     }
 
-    /// Refuses outputs that would replace the group file or the curve's file.
-    fn refuse_inputs(&self) -> anyhow::Result<()> {
-        for (option, path) in [
+    /// Refuses outputs that would replace what the command reads or each other, or that cannot be
+    /// written.
+    fn check_outputs(&self) -> anyhow::Result<()> {
+        let outputs = [
             ("--record", &self.record.record),
             ("--report", &self.report),
             ("--candump", &self.candump),
             ("--log", &self.log),
-        ] {
-            let Some(path) = path else { continue };
-            self.target.refuse_output(option, path)?;
+        ];
+        let given = outputs.map(|(option, path)| Some((option, path.as_deref()?)));
+        let given: Vec<_> = given.into_iter().flatten().collect();
+        refuse_shared(&given)?;
+        for (option, path) in given {
+            self.target.check_output(option, path)?;
             if let Shape::File(curve) = &self.curve {
                 refuse_input(option, path, curve, "the file of the curve")?;
             }
@@ -279,7 +285,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if !simulated && (arguments.candump.is_some() || arguments.log.is_some()) {
         usage!("--candump and --log are for simulated buses; use candump itself");
     }
-    arguments.refuse_inputs()?;
+    arguments.check_outputs()?;
     let abort = super::abort_on_ctrl_c()?;
     let (mut runs, mut syncs, mut recorded) = (Vec::new(), Vec::new(), Ok(()));
     for (n, feedback) in feedbacks.iter().enumerate() {

@@ -214,12 +214,16 @@ impl Target {
         }
     }
 
-    /// Refuses to write to the group file in use; `option` is what names the output.
-    pub fn refuse_output(&self, option: &str, output: &Path) -> anyhow::Result<()> {
-        match self.group_path() {
-            Ok(group) => refuse_input(option, output, group, "the group file in use"),
-            Err(_) => Ok(()),
+    /// Refuses an output that would replace the group file or the image in use, or that cannot be
+    /// written: before anything moves, whose result would be lost. `option` is what names it.
+    pub fn check_output(&self, option: &str, output: &Path) -> anyhow::Result<()> {
+        if let Ok(group) = self.group_path() {
+            refuse_input(option, output, group, "the group file in use")?;
         }
+        if let Some(elf) = &self.elf {
+            refuse_input(option, output, elf, "the image in use")?;
+        }
+        check_writable(option, output)
     }
 
     /// Opens the bus for a command that needs to know no group.
@@ -368,6 +372,29 @@ pub fn refuse_input(option: &str, output: &Path, input: &Path, what: &str) -> an
             "{option} {}: this is {what}, which would be replaced; give another file",
             output.display()
         );
+    }
+    Ok(())
+}
+
+/// Refuses a file that cannot be written.
+pub fn check_writable(option: &str, output: &Path) -> anyhow::Result<()> {
+    omnibus::file::check(output)
+        .with_context(|| format!("{option} {}: cannot be written", output.display()))
+}
+
+/// Refuses to write to one file for two options.
+pub fn refuse_shared(outputs: &[(&str, &Path)]) -> anyhow::Result<()> {
+    for (n, (option, path)) in outputs.iter().enumerate() {
+        let mut others = outputs[..n].iter();
+        if let Some((other, _)) = others.find(|(_, it)| is_same(it, path))
+            // A terminal can show both.
+            && (path.is_file() || !path.exists())
+        {
+            usage!(
+                "{option} {}: {other} writes this file, too; give another one",
+                path.display()
+            );
+        }
     }
     Ok(())
 }

@@ -305,7 +305,7 @@ fn list(filter: Option<&str>) -> anyhow::Result<()> {
 
 fn dump(output: Option<&PathBuf>, at: &At) -> anyhow::Result<()> {
     if let Some(path) = output {
-        at.target.refuse_output("--output", path)?;
+        at.target.check_output("--output", path)?;
     }
     let mut wire = at.target.visit()?;
     let serial = wire

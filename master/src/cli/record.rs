@@ -53,7 +53,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             arguments.target.bus
         );
     }
-    arguments.target.refuse_output("FILE", &arguments.file)?;
+    arguments.target.check_output("FILE", &arguments.file)?;
     let link = arguments.target.link_alone()?;
     let abort = super::abort_on_ctrl_c()?;
     let recorder =

@@ -22,7 +22,7 @@ impl RecordTo {
     /// Refuses a recording that would replace the group file in use.
     pub fn check(&self, target: &Target) -> anyhow::Result<()> {
         match &self.record {
-            Some(path) => target.refuse_output("--record", path),
+            Some(path) => target.check_output("--record", path),
             None => Ok(()),
         }
     }

@@ -93,10 +93,19 @@ impl Drop for Served {
 /// A simulator of two robots whose time waits for its client, with these faults (values of
 /// `--fault`), and the address at which it serves.
 pub fn serve(faults: &[&str]) -> (Served, String) {
+    let faults: Vec<&str> = faults.iter().flat_map(|it| ["--fault", it]).collect();
+    let (served, address) = serve_in(&root(), &faults);
+    let bus = address("lockstep");
+    (served, bus)
+}
+
+/// The same in a folder with a copy of the group file, with more options; the address is that of an
+/// endpoint.
+pub fn serve_in(folder: &Path, options: &[&str]) -> (Served, impl Fn(&str) -> String + use<>) {
     let child = Command::new(programs().join("omnibus-sim"))
         .args(["serve", "groups/tcc-2.toml", "--lockstep", "127.0.0.1:0"])
-        .args(faults.iter().flat_map(|fault| ["--fault", fault]))
-        .current_dir(root())
+        .args(options)
+        .current_dir(folder)
         .env("OMNIBUS_SIM_SPEED", "max")
         .stdin(Stdio::null())
         .stdout(Stdio::piped())
@@ -108,8 +117,20 @@ pub fn serve(faults: &[&str]) -> (Served, String) {
         .map_while(Result::ok)
         .take_while(|line| !line.starts_with("serving"))
         .collect();
-    let address = printed
-        .iter()
-        .find_map(|line| line.strip_prefix("lockstep "));
-    (served, address.expect("an address").to_owned())
+    let address = move |endpoint: &str| {
+        let mut addresses = printed.iter().filter_map(|line| line.split_once(' '));
+        let found = addresses.find(|(name, _)| *name == endpoint);
+        found.expect("an address").1.to_owned()
+    };
+    (served, address)
+}
+
+/// A folder with the group file of two robots, which will be written to.
+pub fn copied_group(name: &str) -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+    let _ = std::fs::remove_dir_all(&folder);
+    std::fs::create_dir_all(folder.join("groups")).unwrap();
+    let group = "groups/tcc-2.toml";
+    std::fs::copy(root().join(group), folder.join(group)).unwrap();
+    folder
 }

@@ -22,7 +22,7 @@ use serde_json::{Value, json};
 
 use super::progress::{self, Progress};
 use super::{Arguments, found, phase, tape};
-use crate::cli::{abort_on_ctrl_c, json, print_json, print_line, print_note, real};
+use crate::cli::{abort_on_ctrl_c, check_writable, json, print_json, print_line, print_note, real};
 
 /// Options of how the motions are driven and measured.
 #[derive(clap::Args)]
@@ -139,9 +139,15 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     if let Some(path) = &slip.plot {
         progress::form(path)?;
+        target.check_output("--plot", path)?;
     }
     if let Some(path) = &slip.kept {
-        target.refuse_output("--kept", path)?;
+        target.check_output("--kept", path)?;
+    }
+    if arguments.write {
+        let path = target.group_path()?;
+        check_writable("--write", path)?;
+        check_writable("--write", &undo_path(arguments, path))?;
     }
     let settings = slip.settings(&group, arguments.rollers)?;
     let bodies = Body::all(&group);
@@ -280,41 +286,47 @@ fn work<L: Link>(
         gyro,
         &mut journal,
     );
-    let written = done.as_ref().is_ok_and(|_| arguments.write);
-    if !written {
-        // The robots end as they were, whatever happened.
-        group.command(NmtCommand::EnterPreOperational)?;
-        for held in &before {
-            held.write(group.wire())?;
+    let record = journal.into_record();
+    drop(progress);
+    let done = done.and_then(|done| {
+        if !json() {
+            for found in &done.0 {
+                phase::show(found)?;
+            }
+            found::show(&done.1)?;
         }
-    }
-    let (phases, calibration) = match done {
-        Ok(done) => {
-            journal.finish();
-            done
-        }
+        let write = || write(arguments, &done.1, &before);
+        let rewritten = arguments.write.then(write).transpose()?;
+        Ok((done, rewritten))
+    });
+    // The robots end as they were, whatever happened, unless the result is written.
+    let restored = match done {
+        Ok((_, Some(_))) => Ok(()),
+        _ => restore(&mut group, &before),
+    };
+    let ((phases, calibration), rewritten) = match done {
+        Ok(done) => done,
         Err(error) => {
-            if journal.has_record() {
+            if let Err(problem) = restored {
+                print_note(problem);
+            }
+            if record.is_some() {
                 print_note("The completed motions are saved; --resume continues from there.");
             }
             return Err(error);
         }
     };
-    drop(progress);
-    if let Some(path) = &slip.plot {
-        progress::write(path, &chart::sheet(&calibration), false)?;
+    restored?;
+    if let Some(record) = record {
+        record.remove();
     }
-    if !json() {
-        for found in &phases {
-            phase::show(found)?;
-        }
-        found::show(&calibration)?;
+    if slip.save {
+        group.command(NmtCommand::EnterPreOperational)?;
+        save(&mut group, &calibration.file).context(
+            "the robots and the group file hold the calibration, but not every robot has saved \
+             it; `omnibus param save` does",
+        )?;
     }
-    let rewritten = if written {
-        write(arguments, &calibration, before, &mut group)?
-    } else {
-        false
-    };
     if json() {
         let outcomes: Vec<Value> = calibration
             .outcomes
@@ -323,7 +335,7 @@ fn work<L: Link>(
             .collect();
         let phases: Vec<Value> = phases.iter().map(phase::to_json).collect();
         let lag = &calibration.file.contact_lag;
-        return print_json(&json!({
+        print_json(&json!({
             "version": version, "outcomes": outcomes, "phases": phases,
             "constants": found::constants_json(&calibration),
             "hand_over_loss_s_per_m": calibration.file.hand_over_loss,
@@ -332,22 +344,28 @@ fn work<L: Link>(
                 "lateral": f64::from(lag.lateral) * 1e3,
                 "yaw": f64::from(lag.yaw) * 1e3,
             },
-            "written": written, "saved": slip.save, "group_file": rewritten,
-        }));
+            "written": rewritten.is_some(), "saved": slip.save,
+            "group_file": rewritten.unwrap_or(false),
+        }))?;
+    } else {
+        print_line(match rewritten {
+            None => {
+                "The robots still have their previous values; --write writes the result into them \
+                 and into the group file."
+            }
+            Some(true) => {
+                "Written into the robots and the group file; --undo restores the previous values."
+            }
+            Some(false) => {
+                "Written into the robots. Copy the lines above into the group file, or the next \
+                 `group apply` overwrites them."
+            }
+        })?;
     }
-    print_line(match (written, rewritten) {
-        (false, _) => {
-            "The robots still have their previous values; --write writes the result into them and \
-             into the group file."
-        }
-        (true, true) => {
-            "Written into the robots and the group file; --undo restores the previous values."
-        }
-        (true, false) => {
-            "Written into the robots. Copy the lines above into the group file, or the next \
-             `group apply` overwrites them."
-        }
-    })
+    if let Some(path) = &slip.plot {
+        progress::write(path, &chart::sheet(&calibration), false)?;
+    }
+    Ok(())
 }
 
 /// Everything that is asked for: with --all phases, too, where the group file has rollers.
@@ -388,13 +406,21 @@ fn held<L: Link>(group: &mut Group<L>, file: &GroupFile) -> Result<Vec<Held>, Ma
     nodes.map(|node| Held::read(group.wire(), node)).collect()
 }
 
+/// Gives the robots back what they held.
+fn restore<L: Link>(group: &mut Group<L>, before: &[Held]) -> anyhow::Result<()> {
+    group.command(NmtCommand::EnterPreOperational)?;
+    for held in before {
+        held.write(group.wire())?;
+    }
+    Ok(())
+}
+
 /// Writes a calibration to the group file and saves the previous values; true if the group file was
 /// rewritten. The robots hold the calibration already: the last motions were driven with it.
-fn write<L: Link>(
+fn write(
     arguments: &Arguments,
     calibration: &Calibration,
-    before: Vec<Held>,
-    group: &mut Group<L>,
+    before: &[Held],
 ) -> anyhow::Result<bool> {
     let path = arguments.target.group_path()?;
     let new = match group_file::rewrite(path, &calibration.file) {
@@ -406,7 +432,7 @@ fn write<L: Link>(
     };
     let old = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
     let record = UndoRecord {
-        robots: before,
+        robots: before.to_vec(),
         group_file: new.is_some().then_some(old),
     };
     // The previous values first, because they would be lost.
@@ -414,13 +440,6 @@ fn write<L: Link>(
     if let Some(text) = &new {
         omnibus::file::replace(path, text)
             .with_context(|| format!("cannot write {}", path.display()))?;
-    }
-    if arguments.slip.save {
-        group.command(NmtCommand::EnterPreOperational)?;
-        save(group, &calibration.file).context(
-            "the robots and the group file hold the calibration, but not every robot has saved \
-             it; `omnibus param save` does",
-        )?;
     }
     Ok(new.is_some())
 }

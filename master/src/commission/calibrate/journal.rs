@@ -66,22 +66,29 @@ struct Line {
 }
 
 /// Where finished motions are kept.
-struct Record {
+pub struct Record {
     path: PathBuf,
     /// What the file begins with: the fingerprint and what an earlier run has driven.
     begins: String,
     /// Opened for the first motion that is kept.
     file: Option<File>,
+    resumes: bool,
 }
 
 impl Record {
+    /// The result is written: the motions have done their service.
+    pub fn remove(self) {
+        // A record that stays is only in the way.
+        let _ = std::fs::remove_file(self.path);
+    }
+
     fn write(&mut self, line: &str) -> std::io::Result<()> {
         let file = match &mut self.file {
             Some(file) => file,
             None => {
-                // Written whole, so that half a line of an earlier run does not stay.
-                let mut file = File::create(&self.path)?;
-                file.write_all(self.begins.as_bytes())?;
+                // Replaced whole, so that half a line of an earlier run does not stay.
+                crate::file::replace(&self.path, &self.begins)?;
+                let file = File::options().append(true).open(&self.path)?;
                 self.file.insert(file)
             }
         };
@@ -170,24 +177,16 @@ impl<'a> Journal<'a> {
             path: path.into(),
             begins,
             file: None,
+            resumes: resume,
         });
         Ok(self)
     }
 
-    /// Whether finished motions are kept in a file.
+    /// What is kept in a file, when the last motion is driven.
     #[must_use]
-    pub fn has_record(&self) -> bool {
+    pub fn into_record(self) -> Option<Record> {
         self.file
-            .as_ref()
-            .is_some_and(|record| record.file.is_some())
-    }
-
-    /// The calibration is complete: the record has done its service.
-    pub fn finish(self) {
-        if let Some(record) = self.file {
-            // A record that stays is only in the way.
-            let _ = std::fs::remove_file(record.path);
-        }
+            .filter(|record| record.resumes || record.file.is_some())
     }
 
     /// Says how long the motions that follow take, s each. Replaces what was said before.
