@@ -28,6 +28,7 @@ use omnibus::path::curve::Curve;
 use omnibus::run::{self, Drive, DriveError, Feedback, Source};
 use omnibus::session::Group;
 
+use super::calibrate::tape::{self, Question};
 use super::output::{Found, Progress, exit_code};
 use super::{Target, print_line, print_note};
 
@@ -292,7 +293,7 @@ fn on_stands(
         _ => {
             let link = arguments.target.command(group)?;
             let mut person = Person {
-                answers: super::calibrate::tape::answers(),
+                answers: tape::answers(),
                 abort: abort.clone(),
                 patience_us: u64::from(arguments.patience) * 1_000_000,
             };
@@ -397,7 +398,7 @@ fn on_the_floor(
         arguments,
         group,
         abort: super::abort_on_ctrl_c()?,
-        answers: arguments.tape.then(super::calibrate::tape::answers),
+        answers: arguments.tape.then(tape::answers),
     };
     let mut show = |step: Step<'_>| match step {
         Step::Begins(text) => print_note(text),
@@ -455,6 +456,7 @@ impl Driver<'_> {
         print_note(format!(
             "asked {asked:+.3} {what}; measured (Enter skips it):"
         ));
+        let mut question = Question::new(vec![asked], what);
         let percent = loop {
             let line = loop {
                 match answers.recv_timeout(LOOK) {
@@ -465,12 +467,9 @@ impl Driver<'_> {
                     }
                 }
             };
-            match line.trim().parse::<f64>() {
-                _ if line.trim().is_empty() => break None,
-                Ok(measured) if measured.is_finite() => {
-                    break Some(100.0 * (measured / asked - 1.0));
-                }
-                _ => print_note(format!("'{}' is not a number; {what}:", line.trim())),
+            match question.take(&line) {
+                Ok(measured) => break measured.map(|it| 100.0 * (it[0] / asked - 1.0)),
+                Err(why) => print_note(why),
             }
         };
         let mut errors = Errors::default();
