@@ -20,6 +20,8 @@ use std::path::PathBuf;
 use anyhow::{Context as _, bail};
 use group::{Examination, FIRST_NODE, LAST_NODE};
 
+use crate::cli::check_writable;
+
 use super::{json, print_json, print_line, print_note};
 
 use motor::{Motor, Robot};
@@ -109,6 +111,8 @@ struct Answers {
     asks: bool,
     missing: Vec<&'static str>,
     wrong: Vec<String>,
+    /// What was answered, with the options that say the same.
+    typed: Vec<(&'static str, String)>,
 }
 
 impl Answers {
@@ -135,7 +139,10 @@ impl Answers {
                     break;
                 };
                 match quantity(&answer, units, zero) {
-                    Ok(value) => return value,
+                    Ok(value) => {
+                        self.typed.push((option, answer));
+                        return value;
+                    }
                     Err(problem) => print_note(problem),
                 }
             }
@@ -148,6 +155,18 @@ impl Answers {
             }
         }
     }
+}
+
+/// Options as a shell takes them.
+fn as_options(typed: &[(&str, String)]) -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "-+.,/".contains(c);
+    let words = typed
+        .iter()
+        .map(|(option, value)| match value.chars().all(plain) {
+            true => format!("{option} {value}"),
+            false => format!("{option} \"{value}\""),
+        });
+    words.collect::<Vec<_>>().join(" ")
 }
 
 /// Asks one question; `None` at the end of the input.
@@ -170,14 +189,30 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             path.display()
         );
     }
+    // Before anybody answers a dozen questions.
+    check_writable("FILE", path)?;
     let mut answers = Answers {
         asks: std::io::stdin().is_terminal() && std::io::stderr().is_terminal(),
         missing: Vec::new(),
         wrong: Vec::new(),
+        typed: Vec::new(),
     };
-    let places = places(arguments, &mut answers);
-    let robot = Robot::ask(arguments, &mut answers);
-    let mut problems = answers.wrong;
+    let written = write(arguments, &mut answers);
+    if written.is_err() && !answers.typed.is_empty() {
+        print_note(format_args!(
+            "Your answers as options, to be corrected: {}",
+            as_options(&answers.typed)
+        ));
+    }
+    written
+}
+
+/// Writes the file of what is given and answered.
+fn write(arguments: &Arguments, answers: &mut Answers) -> anyhow::Result<()> {
+    let path = &arguments.file;
+    let places = places(arguments, answers);
+    let robot = Robot::ask(arguments, answers);
+    let mut problems = std::mem::take(&mut answers.wrong);
     if !answers.missing.is_empty() {
         problems.push(format!(
             "missing: {} (on a terminal this command asks)",
@@ -239,7 +274,10 @@ fn places(arguments: &Arguments, answers: &mut Answers) -> Vec<[f64; 3]> {
             match ask(&question, (places.is_empty()).then_some("0,0")) {
                 Some(answer) if answer.is_empty() => break,
                 Some(answer) => match place(&answer) {
-                    Ok(at) => places.push(at),
+                    Ok(at) => {
+                        places.push(at);
+                        answers.typed.push(("--robot", answer));
+                    }
                     Err(problem) => print_note(problem),
                 },
                 None => break,
@@ -255,4 +293,21 @@ fn places(arguments: &Arguments, answers: &mut Answers) -> Vec<[f64; 3]> {
             .push(format!("--robot: {} robots; at most {most}", places.len()));
     }
     places
+}
+
+#[cfg(test)]
+mod tests {
+    use super::as_options;
+
+    #[test]
+    fn answers_become_options() {
+        let typed = [
+            ("--robot", "-0.25,0"),
+            ("--track", "30 cm"),
+            ("--counts", "64"),
+        ];
+        let typed = typed.map(|(option, value)| (option, value.to_owned()));
+        let options = as_options(&typed);
+        assert_eq!(options, "--robot -0.25,0 --track \"30 cm\" --counts 64");
+    }
 }

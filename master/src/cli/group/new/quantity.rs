@@ -32,6 +32,12 @@ pub(super) const TORQUE: Units = &[
 
 pub(super) const PLAIN: Units = &[("", 1.0)];
 
+/// Longest track and wheelbase of a group file, m.
+const LONGEST: f64 = 10.0;
+
+/// Farthest that a robot may be from the origin along an axis, m: objects 0x2011:1 and 2.
+const FARTHEST: f64 = 50.0;
+
 /// A number with one of the units; the first one where it has none. It must be above 0, or 0 where
 /// `zero` allows it.
 pub(super) fn quantity(text: &str, units: Units, zero: bool) -> Result<f64, String> {
@@ -64,17 +70,30 @@ pub(super) fn quantity(text: &str, units: Units, zero: bool) -> Result<f64, Stri
     if !value.is_finite() || value < 0.0 || value == 0.0 && !zero {
         return Err(format!("\"{text}\" is not above 0"));
     }
-    Ok(value * factor)
+    let value = value * factor;
+    if units == LENGTH && value > LONGEST {
+        return Err(format!(
+            "\"{text}\" is {value} m; give at most {LONGEST} m, or another unit: 300mm"
+        ));
+    }
+    Ok(value)
 }
 
 /// Where a robot is: x, y in m, heading in degrees.
 pub(super) fn place(text: &str) -> Result<[f64; 3], String> {
     let numbers: Result<Vec<f64>, _> = text.split(',').map(|part| part.trim().parse()).collect();
-    match numbers.as_deref() {
-        Ok(&[x, y]) => Ok([x, y, 0.0]),
-        Ok(&[x, y, heading]) => Ok([x, y, heading]),
-        _ => Err(format!("\"{text}\" is not X,Y or X,Y,DEGREES in metres")),
+    let [x, y, heading] = match numbers.as_deref() {
+        Ok(&[x, y]) => [x, y, 0.0],
+        Ok(&[x, y, heading]) => [x, y, heading],
+        _ => return Err(format!("\"{text}\" is not X,Y or X,Y,DEGREES in metres")),
+    };
+    // What is no number is not within.
+    if !(x.abs() <= FARTHEST && y.abs() <= FARTHEST && heading.abs() <= 360.0) {
+        return Err(format!(
+            "\"{text}\": give X and Y of -{FARTHEST} to {FARTHEST} m and at most 360 degrees"
+        ));
     }
+    Ok([x, y, heading])
 }
 
 #[cfg(test)]
@@ -101,5 +120,15 @@ mod tests {
         );
         assert!(of("-3", LENGTH).is_err() && of("0", LENGTH).is_err() && of("", LENGTH).is_err());
         assert_eq!(quantity("0", CURRENT, true), Ok(0.0));
+        assert!(of("300", LENGTH).unwrap_err().contains("300mm"));
+    }
+
+    #[test]
+    fn places_are_near_and_finite() {
+        assert_eq!(place("0.25, -0.3"), Ok([0.25, -0.3, 0.0]));
+        assert_eq!(place("0,50,-90"), Ok([0.0, 50.0, -90.0]));
+        for text in ["nan,0", "0,inf", "0,0,nan", "0,50.1", "250,0", "0,0,361"] {
+            assert!(place(text).is_err(), "{text}");
+        }
     }
 }
