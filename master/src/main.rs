@@ -3,6 +3,9 @@
 //! One file per command under `cli/`; this one only reads the arguments and prints errors. Exit
 //! codes are listed in `cli/output.rs` and at the end of the help.
 
+// `cli/output.rs` has what does not panic without a reader.
+#![deny(clippy::print_stdout, clippy::print_stderr)]
+
 use std::process::ExitCode;
 
 use clap::{CommandFactory as _, Parser, Subcommand};

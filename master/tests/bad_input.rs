@@ -431,6 +431,23 @@ fn completions_that_cannot_be_written_do_not_panic() {
     assert_eq!(run(writer.into()), (Some(0), String::new()));
 }
 
+/// The exit code is that of the error though nothing reads its message.
+#[test]
+fn an_error_without_a_reader_does_not_panic() {
+    let nothing = ["group", "check", "no.toml"];
+    for (arguments, code) in [(&nothing[..], 6), (&["status", "--bus", "nonsense"], 2)] {
+        for form in [&[][..], &["--json"]] {
+            let (reader, writer) = std::io::pipe().unwrap();
+            drop(reader);
+            let ended = Command::new(env!("CARGO_BIN_EXE_omnibus"))
+                .args([arguments, form].concat())
+                .stderr(writer)
+                .status();
+            assert_eq!(ended.unwrap().code(), Some(code), "{arguments:?} {form:?}");
+        }
+    }
+}
+
 #[test]
 fn a_refusal_names_what_was_given_and_what_helps() {
     let key = std::env::temp_dir().join(format!("omnibus-{}.key", std::process::id()));

@@ -478,6 +478,24 @@ fn no_file_is_lost_to_a_log() {
     }
 }
 
+/// The world goes on though nothing reads what it says of itself.
+#[test]
+fn a_fault_without_a_reader_does_not_panic() {
+    let log = scratch("unread.log");
+    let (reader, writer) = std::io::pipe().unwrap();
+    drop(reader);
+    let ended = Command::new(env!("CARGO_BIN_EXE_omnibus-sim"))
+        .args(["serve", &group(), "--speed", "max", "--duration", "1"])
+        .args(["--fault", "t=0.5:node=3:driver-fault", "--log", &log])
+        .stderr(writer)
+        .status();
+    assert!(ended.unwrap().success());
+    let log = std::fs::read_to_string(log).unwrap();
+    let (last, _) = log.lines().last().unwrap().split_once(' ').unwrap();
+    let last: f64 = last.trim_matches(['(', ')']).parse().unwrap();
+    assert!(last > 0.9, "{last}");
+}
+
 /// Time goes as far as its only client waits, however long that takes, and stands otherwise.
 /// A stopped process is what a busy computer makes of it: it learns of six SYNCs at once.
 #[test]

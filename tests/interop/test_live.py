@@ -4,6 +4,7 @@ A terminal as simple as the programs need stands at the other end: it places tex
 Times that matter are the simulated bus's; nothing depends on how fast this machine is."""
 
 import fcntl
+import json
 import os
 import pathlib
 import pty
@@ -11,6 +12,7 @@ import re
 import select
 import signal
 import struct
+import subprocess
 import termios
 import time
 import unittest
@@ -67,6 +69,17 @@ class Terminal:
             pass
         os.close(self.end)
         return os.waitstatus_to_exitcode(os.waitpid(self.process, 0)[1])
+
+    def hang_up(self):
+        """What the program ends with when its terminal is closed."""
+        os.close(self.end)
+        end = time.monotonic() + PATIENCE
+        while time.monotonic() < end:
+            process, status = os.waitpid(self.process, os.WNOHANG)
+            if process:
+                return os.waitstatus_to_exitcode(status)
+            time.sleep(0.05)
+        raise AssertionError(f"it runs on after {PATIENCE} s")
 
     def show(self, data):
         at = 0
@@ -125,8 +138,8 @@ def speed(screen):
 
 
 class Live(unittest.TestCase):
-    def open(self, command):
-        terminal = Terminal(command, "--bus", "sim:groups/tcc-3.toml")
+    def open(self, command, *bus):
+        terminal = Terminal(command, "--bus", *(bus or ["sim:groups/tcc-3.toml"]))
         self.addCleanup(lambda: self.kill(terminal))
         return terminal
 
@@ -169,6 +182,35 @@ class Live(unittest.TestCase):
         terminal.until("a tenth faster", lambda s: "hand: 0.22 m/s" in s)
         terminal.press(b"q")
         self.assertEqual(terminal.close(), 0)
+
+    def test_a_signal_and_a_closed_terminal_end_it_as_a_key_does(self):
+        """The robots ramp down, are stopped, and have no fault. In this world time waits for its master, so what a
+        master leaves behind stays as it is."""
+        for name, end in (("SIGTERM", lambda it: os.kill(it.process, signal.SIGTERM)),
+                          ("SIGHUP", lambda it: os.kill(it.process, signal.SIGHUP)),
+                          ("closed", lambda it: None)):
+            with self.subTest(name):
+                command = [os.environ["OMNIBUS_SIM"], "serve", "groups/tcc-2.toml", "--lockstep", "127.0.0.1:0"]
+                world = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
+                self.addCleanup(world.stdout.close)
+                self.addCleanup(world.wait)
+                self.addCleanup(world.kill)
+                bus = "lockstep://" + world.stdout.readline().split()[1]
+                terminal = self.open("teleop", bus, "--group", "groups/tcc-2.toml")
+                terminal.until("running", lambda s: "running" in s and "   3 OP " in s)
+                deadline = time.monotonic() + PATIENCE
+                while (speed(terminal.screen()) or 0.0) < 0.1 and time.monotonic() < deadline:
+                    terminal.press(b"\x1b[A")
+                    terminal.listen()
+                self.assertGreaterEqual(speed(terminal.screen()), 0.1)
+                end(terminal)
+                self.assertEqual(terminal.close() if name != "closed" else terminal.hang_up(), 0)
+                if name != "closed":
+                    self.assertNotIn(1049, terminal.modes)
+                status = [os.environ["OMNIBUS"], "status", "--json", "--bus", bus, "--group", "groups/tcc-2.toml"]
+                done = subprocess.run(status, cwd=ROOT, capture_output=True, text=True, timeout=PATIENCE)
+                for robot in json.loads(done.stdout)["robots"]:
+                    self.assertEqual((robot["nmt"], robot["state"], robot["code"]), ("PreOperational", "Ready", 0))
 
 
 if __name__ == "__main__":

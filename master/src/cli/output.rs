@@ -84,12 +84,11 @@ pub fn print_note(line: impl std::fmt::Display) {
     if mode().quiet {
         return;
     }
-    let mut errors = std::io::stderr().lock();
-    let _ = if mode().json {
-        writeln!(errors, "{}", json!({"note": line.to_string()}))
+    if mode().json {
+        to_errors(json!({"note": line.to_string()}));
     } else {
-        writeln!(errors, "{line}")
-    };
+        to_errors(line);
+    }
 }
 
 /// Says that an incomplete file of an earlier call was found.
@@ -220,7 +219,7 @@ pub fn print_usage(error: &clap::Error) -> u8 {
         let text = error.render().to_string();
         let first = text.split("\n\n").next().unwrap_or_default();
         let first = first.trim_start_matches("error: ");
-        eprintln!("{}", json!({"error": first, "exit_code": 2}));
+        to_errors(json!({"error": first, "exit_code": 2}));
     } else {
         let _ = error.print();
     }
@@ -231,8 +230,7 @@ pub fn print_usage(error: &clap::Error) -> u8 {
 pub fn print_error(error: &anyhow::Error) {
     if json() {
         let value = json!({"error": format!("{error:#}"), "exit_code": exit_code(error)});
-        eprintln!("{value}");
-        return;
+        return to_errors(value);
     }
     let coloured = std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none();
     let (red, plain) = if coloured {
@@ -240,7 +238,12 @@ pub fn print_error(error: &anyhow::Error) {
     } else {
         ("", "")
     };
-    eprintln!("{red}error:{plain} {error:#}");
+    to_errors(format_args!("{red}error:{plain} {error:#}"));
+}
+
+/// A line for people or programs that may have gone.
+fn to_errors(line: impl std::fmt::Display) {
+    let _ = writeln!(std::io::stderr().lock(), "{line}");
 }
 
 /// The master's error that an error is. Those that hold it do not have it in their chains.

@@ -4,7 +4,7 @@
 //! only listens until the user starts it; on a bus that another master commands it never does more.
 //! Driving needs a key (or the gamepad's button) that is held down: see [`deadman`]. Every 50 ms
 //! while it is held, the [`Controls`] get the velocity again, valid for 0.2 s; so when this program
-//! hangs or its terminal closes, the group ramps down.
+//! hangs, the group ramps down. A signal, as of a terminal that closes, ends it as the key does.
 
 mod deadman;
 mod gamepad;
@@ -12,12 +12,15 @@ mod keys;
 mod view;
 
 use std::io::IsTerminal as _;
+use std::mem::ManuallyDrop;
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::sync::mpsc::{self, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, bail};
 use kinematics::Twist;
+use omnibus::abort::Abort;
 use omnibus::controls::Controls;
 use omnibus::controls::arbiter::Client;
 use omnibus::monitor::telemetry::{EventKind, SessionState, Snapshot, Telemetry};
@@ -142,8 +145,9 @@ fn run(live: &Live, gamepad: Option<Gamepad>, steers: bool) -> anyhow::Result<()
     let until = live
         .seconds
         .map(|seconds| Instant::now() + Duration::from_secs_f64(seconds));
+    let abort = super::abort_on_ctrl_c()?;
     if super::json() && !steers {
-        return lines(live.target.pilot(&file)?, until);
+        return lines(live.target.pilot(&file)?, until, &abort);
     }
     if !std::io::stdout().is_terminal() || !std::io::stdin().is_terminal() {
         bail!("this needs a terminal; `omnibus watch --json` prints one line per SYNC without one");
@@ -162,17 +166,25 @@ fn run(live: &Live, gamepad: Option<Gamepad>, steers: bool) -> anyhow::Result<()
         gamepad,
     };
     let mut view = View::new(format!("{} on {}", file.name, live.target.bus), steers);
-    let shown = show(&pilot, &mut screen, &mut view, &mut hand, steers, until);
+    if steers {
+        hand.start();
+    }
+    let is_over = || abort.is_asked() || until.is_some_and(|until| Instant::now() >= until);
+    let shown = show(&pilot, &mut screen, &mut view, &mut hand, &is_over);
     drop(screen);
     let flown = Pilot::finish_shared(pilot);
-    shown?;
+    // A terminal that closes can no longer be drawn on.
+    if !abort.is_asked() {
+        shown?;
+    }
     Ok(flown?)
 }
 
 /// Prints snapshots as lines of JSON.
-fn lines(pilot: Pilot, until: Option<Instant>) -> anyhow::Result<()> {
+fn lines(pilot: Pilot, until: Option<Instant>, abort: &Abort) -> anyhow::Result<()> {
     let stream = pilot.telemetry();
-    while until.is_none_or(|until| Instant::now() < until) && !pilot.is_over() {
+    while until.is_none_or(|until| Instant::now() < until) && !pilot.is_over() && !abort.is_asked()
+    {
         if let Some(Telemetry::Snapshot(now)) = stream.next_within(TICK) {
             let line = serde_json::to_string(&snapshot_json(&now))?;
             // Not `print_line`: lines are the result, whatever else is asked for.
@@ -233,13 +245,10 @@ fn show(
     screen: &mut Screen,
     view: &mut View,
     hand: &mut Hand,
-    starts: bool,
-    until: Option<Instant>,
+    is_over: &dyn Fn() -> bool,
 ) -> anyhow::Result<()> {
     let stream = pilot.telemetry();
-    if starts {
-        hand.start();
-    }
+    let events = events();
     let mut next = Instant::now();
     loop {
         let now = Instant::now();
@@ -267,14 +276,13 @@ fn show(
             view.hand(asked, hand.speed, hand.turn);
             screen.terminal.draw(|frame| view.draw(frame))?;
         }
-        if pilot.is_over() || until.is_some_and(|until| now >= until) {
+        if pilot.is_over() || is_over() {
             return Ok(());
         }
-        if !event::poll(next.saturating_duration_since(Instant::now()))? {
-            continue;
-        }
-        let Event::Key(key) = event::read()? else {
-            continue;
+        let key = match events.recv_timeout(next.saturating_duration_since(Instant::now())) {
+            Ok(Event::Key(key)) => key,
+            Ok(_) | Err(RecvTimeoutError::Timeout) => continue,
+            Err(RecvTimeoutError::Disconnected) => bail!("the terminal can no longer be read"),
         };
         match keys::action(&key) {
             Some(Action::Quit) => return Ok(()),
@@ -300,6 +308,20 @@ fn show(
             None => {}
         }
     }
+}
+
+/// Keys and what else the terminal says, from a thread of its own: once a terminal is closed, the
+/// library reads it for ever and does not return.
+fn events() -> mpsc::Receiver<Event> {
+    let (send, events) = mpsc::channel();
+    std::thread::spawn(move || {
+        while let Ok(event) = event::read() {
+            if send.send(event).is_err() {
+                return;
+            }
+        }
+    });
+    events
 }
 
 impl Hand {
@@ -333,7 +355,8 @@ impl Hand {
 
 /// The terminal, put back as it was whatever happens.
 struct Screen {
-    terminal: ratatui::DefaultTerminal,
+    /// Not dropped: of a terminal that was closed it would complain where nothing can be written.
+    terminal: ManuallyDrop<ratatui::DefaultTerminal>,
     /// The terminal says when a key is let go.
     reports_release: bool,
 }
@@ -348,7 +371,7 @@ impl Screen {
             execute!(std::io::stdout(), PushKeyboardEnhancementFlags(flags))?;
         }
         Ok(Self {
-            terminal,
+            terminal: ManuallyDrop::new(terminal),
             reports_release,
         })
     }
@@ -359,6 +382,7 @@ impl Drop for Screen {
         if self.reports_release {
             let _ = execute!(std::io::stdout(), PopKeyboardEnhancementFlags);
         }
-        ratatui::restore();
+        let _ = self.terminal.show_cursor();
+        let _ = ratatui::try_restore();
     }
 }

@@ -16,6 +16,8 @@ use ratatui::widgets::Paragraph;
 
 /// Column at which the text of an event begins.
 const INDENT: usize = 13;
+/// Columns for the group, its bus and what the session is doing.
+const TITLE: usize = 64;
 /// Happenings kept.
 const HISTORY: usize = 50;
 
@@ -123,14 +125,16 @@ impl View {
             SessionState::Starting | SessionState::Stopping => Style::new().fg(Color::Yellow),
             SessionState::Idle => Style::new(),
         };
+        let (words, style) = if foreign {
+            let words = "listening: another master drives";
+            (words, Style::new().fg(Color::Yellow))
+        } else {
+            (phase.name(), style)
+        };
+        let room = TITLE - words.len();
         let mut lines = vec![Line::from(vec![
-            Span::styled(format!("{:<32.32}", self.title), bold()),
-            if foreign {
-                let words = "listening: another master drives";
-                Span::styled(format!("{words:>33}"), Style::new().fg(Color::Yellow))
-            } else {
-                Span::styled(format!("{:>33}", phase.name()), style)
-            },
+            Span::styled(format!("{:<room$.room$} ", self.title), bold()),
+            Span::styled(words, style),
             Span::raw(format!(" {t:>9.2} s")),
         ])];
         let Some(now) = &self.now else {

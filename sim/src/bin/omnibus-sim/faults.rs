@@ -12,6 +12,8 @@ use group::GroupFile;
 use omnibus_sim::fault::{FaultSpec, Schedule};
 use omnibus_sim::{SimError, World};
 
+use crate::output::print_note;
+
 /// Stands for standard input.
 const FROM_INPUT: &str = "-";
 
@@ -58,7 +60,7 @@ impl<'a> Faults<'a> {
             }
             match FaultSpec::parse(line, self.group, self.has_processor) {
                 Ok(fault) => self.schedule.add(&fault, now_ns),
-                Err(error) => eprintln!("{line}: {error}"),
+                Err(error) => print_note(format_args!("{line}: {error}")),
             }
         }
     }
@@ -67,7 +69,8 @@ impl<'a> Faults<'a> {
     pub fn run(&mut self, world: &mut World, until_ns: u64) -> Result<(), SimError> {
         self.schedule
             .run_until(world, until_ns, &mut |at_ns, what| {
-                eprintln!("fault at {:.6} s: {what}", at_ns as f64 * 1e-9);
+                let seconds = at_ns as f64 * 1e-9;
+                print_note(format_args!("fault at {seconds:.6} s: {what}"));
             })
     }
 }

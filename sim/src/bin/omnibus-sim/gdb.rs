@@ -30,7 +30,7 @@ use gdbstub::target::ext::monitor_cmd::{ConsoleOutput, MonitorCmd, MonitorCmdOps
 use gdbstub::target::{Target, TargetError, TargetResult};
 
 use crate::bench::Bench;
-use crate::output::print_line;
+use crate::output::{print_line, print_note};
 
 /// Virtual time between two looks at whether the core has stopped, ns: what the rest of the world
 /// may go on after it.
@@ -105,12 +105,12 @@ impl Session<'_> {
     fn debug(&mut self, stream: TcpStream) -> anyhow::Result<()> {
         self.bench.board()?.debug_stop();
         let peer = stream.peer_addr()?;
-        eprintln!("gdb: {peer} has connected");
+        print_note(format_args!("gdb: {peer} has connected"));
         match GdbStub::new(stream).run_blocking::<Loop<'_>>(self) {
             Ok(DisconnectReason::Kill) => self.stop.store(true, Ordering::Relaxed),
-            Ok(_) => eprintln!("gdb: {peer} has detached"),
+            Ok(_) => print_note(format_args!("gdb: {peer} has detached")),
             Err(error) if error.is_connection_error() => {
-                eprintln!("gdb: {peer} has closed the connection")
+                print_note(format_args!("gdb: {peer} has closed the connection"))
             }
             Err(error) => {
                 let text = error.to_string();

@@ -3,7 +3,8 @@
 //! One file per subcommand; each either finishes, or says what failed and what to do about it, and
 //! exits with 1.
 
-#![deny(clippy::print_stdout)] // `output` has what does not panic without a reader.
+// `output` has what does not panic without a reader.
+#![deny(clippy::print_stdout, clippy::print_stderr)]
 
 use std::process::ExitCode;
 
@@ -54,7 +55,7 @@ fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) if error.is::<output::ReaderGone>() => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("error: {error:#}");
+            output::print_note(format_args!("error: {error:#}"));
             ExitCode::FAILURE
         }
     }

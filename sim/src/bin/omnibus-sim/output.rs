@@ -1,6 +1,7 @@
-//! What the commands write: files, and lines of text on standard output. Unlike `println!`, these
-//! do not panic when the reader has gone (`omnibus-sim emulate IMAGE | head`): the command ends as
-//! after Ctrl-C, with its files complete.
+//! What the commands write: files, and lines of text on standard output and standard error. Unlike
+//! `println!` and `eprintln!`, these do not panic when the reader has gone (`omnibus-sim emulate
+//! IMAGE | head`, a terminal that was closed). Without a reader of its output the command ends as
+//! after Ctrl-C, with its files complete; without one of its notes it goes on.
 
 use std::fmt::Display;
 use std::fs::File;
@@ -25,6 +26,11 @@ pub fn print_line(line: impl Display) -> anyhow::Result<()> {
         Err(error) if error.kind() == ErrorKind::BrokenPipe => Err(ReaderGone.into()),
         result => Ok(result?),
     }
+}
+
+/// Writes one line to standard error.
+pub fn print_note(line: impl Display) {
+    let _ = writeln!(std::io::stderr().lock(), "{line}");
 }
 
 /// Creates the files of options; `used` are those that the command has for something else, each with

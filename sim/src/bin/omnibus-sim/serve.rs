@@ -17,7 +17,7 @@ use omnibus_sim::{Backend, MASTER, Options, World};
 
 use crate::endpoints::Endpoints;
 use crate::faults::Faults;
-use crate::output::{create, print_line};
+use crate::output::{create, print_line, print_note};
 use crate::robots::Robots;
 
 /// Virtual time between two looks at the endpoints.
@@ -226,11 +226,11 @@ impl Behind {
             .is_none_or(|reported| reported.elapsed() > REPORT_EVERY)
         {
             self.reported = Some(Instant::now());
-            eprintln!(
+            print_note(format_args!(
                 "fell behind the clock by {} ms: this computer is too busy, and a master may lose \
                  contact with robots; --lockstep makes time wait instead",
                 lag.as_millis()
-            );
+            ));
         }
     }
 
@@ -242,7 +242,9 @@ impl Behind {
         if self.stalls > 0 {
             let (stalls, worst) = (self.stalls, self.worst.as_millis());
             let times = if stalls == 1 { "time" } else { "times" };
-            eprintln!("fell behind the clock {stalls} {times}, by {worst} ms at most");
+            print_note(format_args!(
+                "fell behind the clock {stalls} {times}, by {worst} ms at most"
+            ));
         }
     }
 }

@@ -14,7 +14,7 @@
 //! misread, and the error says so. All of these are starting values; `omnibus identify-motors`
 //! measures the motor itself.
 
-use std::io::{BufRead as _, IsTerminal as _};
+use std::io::{BufRead as _, IsTerminal as _, Write as _};
 use std::path::PathBuf;
 
 use anyhow::{Context as _, bail};
@@ -172,7 +172,7 @@ fn as_options(typed: &[(&str, String)]) -> String {
 /// Asks one question; `None` at the end of the input.
 fn ask(question: &str, usual: Option<&str>) -> Option<String> {
     let usual_text = usual.map_or_else(String::new, |usual| format!(" [{usual}]"));
-    eprint!("{question}{usual_text}: ");
+    let _ = write!(std::io::stderr().lock(), "{question}{usual_text}: ");
     let mut line = String::new();
     match std::io::stdin().lock().read_line(&mut line) {
         Ok(0) | Err(_) => None,
