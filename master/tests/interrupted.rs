@@ -363,17 +363,17 @@ impl Floor {
             .spawn()
             .unwrap();
         let errors = BufReader::new(child.stderr.take().unwrap());
-        let (mut said, mut spoil) = (String::new(), Some(spoil));
+        let (mut notes, mut spoil) = (String::new(), Some(spoil));
         for line in errors.lines().map_while(Result::ok) {
             let is_driven = line.starts_with("motion 2 of") && line.ends_with(" to go");
             if let Some(spoil) = spoil.take_if(|_| is_driven) {
                 spoil();
             }
-            said += &line;
-            said.push('\n');
+            notes += &line;
+            notes.push('\n');
         }
         let mut output = child.wait_with_output().unwrap();
-        output.stderr = said.into();
+        output.stderr = notes.into();
         output
     }
 
