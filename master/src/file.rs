@@ -39,7 +39,7 @@ pub fn replace(path: &Path, content: impl AsRef<[u8]>) -> io::Result<()> {
     file.commit()
 }
 
-/// Finds out whether [`replace`] and [`Beside`] could write this file, and leaves everything as it is.
+/// Finds out whether [`replace`] and [`Beside`] could write this file; everything stays as it is.
 ///
 /// # Errors
 /// Those of [`Beside::create`].

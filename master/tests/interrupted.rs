@@ -400,8 +400,8 @@ fn a_calibration_outlives_its_picture() {
     );
 }
 
-/// What --write would write cannot be written when all motions are driven. The robots hold what they
-/// held, and --resume writes it without driving again; --undo then still knows the first values.
+/// A result that cannot be written when all motions are driven. The robots hold what they held, and
+/// --resume writes it without driving again; --undo then still knows the first values.
 #[test]
 fn a_calibration_that_cannot_be_written_is_resumed() {
     let floor = Floor::new("unwritten");

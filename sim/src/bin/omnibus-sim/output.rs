@@ -33,8 +33,8 @@ pub fn print_note(line: impl Display) {
     let _ = writeln!(std::io::stderr().lock(), "{line}");
 }
 
-/// Creates the files of options; `used` are those that the command has for something else, each with
-/// what it is. Where one is refused, none has replaced anything.
+/// Creates the files of options; `used` are those that the command has for something else, each
+/// with what it is. Where one is refused, none has replaced anything.
 ///
 /// # Errors
 /// One is among the `used`, or two are the same, or one cannot be written.
