@@ -92,9 +92,15 @@ enum Command {
     /// Lets a fleet control drive the group as one vehicle, by VDA 5050 over MQTT.
     #[cfg(feature = "vda5050")]
     Vda5050(cli::vda5050::Arguments),
+    #[cfg(not(feature = "vda5050"))]
+    #[command(hide = true, disable_help_flag = true)]
+    Vda5050(cli::NotBuilt),
     /// Makes the group one holonomic robot of ROS 2.
     #[cfg(feature = "ros")]
     Ros(cli::ros::Arguments),
+    #[cfg(not(feature = "ros"))]
+    #[command(hide = true, disable_help_flag = true)]
+    Ros(cli::NotBuilt),
     /// Prints a script that completes commands in your shell.
     Completions(cli::completions::Arguments),
 }
@@ -135,8 +141,12 @@ fn main() -> ExitCode {
         Command::Bridge(arguments) => cli::bridge::run(&arguments),
         #[cfg(feature = "vda5050")]
         Command::Vda5050(arguments) => cli::vda5050::run(&arguments),
+        #[cfg(not(feature = "vda5050"))]
+        Command::Vda5050(command) => command.refuse("vda5050"),
         #[cfg(feature = "ros")]
         Command::Ros(arguments) => cli::ros::run(&arguments),
+        #[cfg(not(feature = "ros"))]
+        Command::Ros(command) => command.refuse("ros"),
         Command::Completions(arguments) => {
             cli::completions::run(&arguments, &mut Arguments::command())
         }

@@ -74,6 +74,26 @@ const DEFAULT_ELF: &str = "target/thumbv7em-none-eabihf/release/omnibus-firmware
 #[cfg(feature = "simulation")]
 const BOOTED: Micros = Micros(100_000);
 
+/// A command that this build lacks, with any arguments.
+#[cfg(not(all(feature = "ros", feature = "vda5050")))]
+#[derive(clap::Args)]
+pub struct NotBuilt {
+    #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+    arguments: Vec<std::ffi::OsString>,
+}
+
+#[cfg(not(all(feature = "ros", feature = "vda5050")))]
+impl NotBuilt {
+    /// Says what builds it.
+    pub fn refuse(self, feature: &str) -> anyhow::Result<()> {
+        drop(self.arguments);
+        usage!(
+            "omnibus {feature} is not in this program; `cargo build --release -p omnibus-master \
+             --features {feature}` builds it (docs/{feature}.md)"
+        )
+    }
+}
+
 /// Which bus, and which group on it.
 pub struct Target {
     pub bus: BusAddress,
