@@ -81,7 +81,12 @@ enum Task {
         seed: u64,
         /// Searches for new paths with libFuzzer instead, for this number of seconds; needs a C++
         /// compiler.
-        #[arg(long, value_name = "SECONDS", conflicts_with_all = ["frames", "seed"])]
+        #[arg(
+            long,
+            value_name = "SECONDS",
+            conflicts_with_all = ["frames", "seed"],
+            value_parser = clap::value_parser!(u64).range(1..)
+        )]
         guided: Option<u64>,
     },
     /// Prints the instructions of a driving robot by function.
