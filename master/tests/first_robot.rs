@@ -3,10 +3,10 @@
 //!
 //! A block of lines that cannot run here has a marker in front: `<!-- not run: REASON -->`. In the
 //! others `--bus auto`, which looks for a USB device, becomes the address of the emulated robot's
-//! port; `cargo run` of the tool becomes the tool. Commands that read go through the pseudo
-//! terminal of the port, and are repeated while this machine is too busy for the robot to be heard.
-//! Those that drive go through the same port in lockstep, so that nothing here depends on how fast
-//! this machine is. `OMNIBUS_ELF` names the image.
+//! port. Commands that read go through the pseudo terminal of the port, and are repeated while this
+//! machine is too busy for the robot to be heard. Those that drive go through the same port in
+//! lockstep, so that nothing here depends on how fast this machine is. `OMNIBUS_ELF` names the
+//! image.
 
 use std::io::{BufRead as _, BufReader, Write as _};
 use std::path::{Path, PathBuf};
@@ -18,8 +18,6 @@ mod common;
 
 /// How often a command that reads is repeated until the robot is heard.
 const TRIES: usize = 20;
-/// What the page types for the tool before it is installed.
-const BY_CARGO: &str = "cargo run --release -p omnibus-master -- ";
 
 /// The commands of the page, each with its line.
 fn commands(page: &str) -> Vec<(usize, String)> {
@@ -161,7 +159,6 @@ fn every_line_of_the_page_runs_in_its_order() {
     let lockstep = format!("lockstep://{address}");
     let mut ran = Vec::new();
     for (number, line) in commands(&page) {
-        let line = line.replace(BY_CARGO, "omnibus ");
         let line = line.replace("--bus auto", &format!("--bus {bus}"));
         let what = line
             .split_whitespace()

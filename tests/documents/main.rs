@@ -437,3 +437,34 @@ fn the_check_of_anchors_follows_the_rule_of_the_forge() {
         "a-code-word-and-more"
     );
 }
+
+/// A page that types `omnibus` says how to install it: a program that is only built is not found.
+#[test]
+fn what_is_typed_is_installed() {
+    let mut complaints = Vec::new();
+    let mut installed = 0;
+    for path in files("md") {
+        for line in read(&path).lines() {
+            let words: Vec<&str> = line.split([' ', '`', ';']).collect();
+            let after = |option: &str| {
+                let at = words.iter().position(|word| *word == option)?;
+                words.get(at + 1).copied()
+            };
+            if line.contains("cargo build") && after("-p") == Some("omnibus-master") {
+                complaints.push(format!("{}: {line}: leaves no `omnibus`", path.display()));
+            }
+            let (true, Some(package)) = (line.contains("cargo install"), after("--path")) else {
+                continue;
+            };
+            installed += 1;
+            let manifest = read(format!("{package}/Cargo.toml"));
+            let has = |start: &str| manifest.lines().any(|line| line.starts_with(start));
+            let feature = after("--features").map(|feature| format!("{feature} = ["));
+            if !has("[[bin]]") || !feature.is_none_or(|feature| has(&feature)) {
+                complaints.push(format!("{}: {line}: installs nothing", path.display()));
+            }
+        }
+    }
+    nothing(&complaints);
+    assert!(installed >= 6, "{installed}");
+}

@@ -742,7 +742,7 @@ class Documented(RosTest):
         page = (ROOT / "docs" / "ros.md").read_text()
         blocks = [block.split("```")[0].splitlines() for block in page.split("```sh\n")[1:]]
         build, (start, call, publish), (world, on_bus), nav2 = blocks
-        self.assertEqual(build[0], "cargo build --release -p omnibus-master --features ros")
+        self.assertEqual(build[0], "cargo install --profile dev --locked --path master --features ros")
         self.assertEqual(build[1].split("#")[0].strip(), start)
         node, peer = self.type(start), Peer()
         watcher = Watcher(peer)

@@ -444,7 +444,7 @@ class Documented(Vehicles):
         section = page.split("## From zero to an order")[1].split("\n## ")[0]
         blocks = [block.split("```")[0].splitlines() for block in section.split("```sh\n")[1:]]
         build, (start, drive), (watch,), (send,), (pause, resume) = blocks
-        self.assertEqual(build, ["cargo build --release -p omnibus-master --features vda5050"])
+        self.assertEqual(build, ["cargo install --profile dev --locked --path master --features vda5050"])
         port = str(free_port())
 
         programs = tempfile.TemporaryDirectory()

@@ -1,7 +1,7 @@
 //! Checks the demo's JSON against its promises, and the table in README.md against it. The bounds
-//! come from the paper: its uncompensated lateral errors are -2.92 % (Table 6) to -3.36 % (500 mm/s,
-//! section 3); compensated curves are to agree with the theory, for which 0.3 % is the agreed bound,
-//! and a rigid group keeps its shape.
+//! come from the paper: its uncompensated lateral errors are -2.92 % (Table 6) to -3.36 % (500
+//! mm/s, section 3); compensated curves are to agree with the theory, for which 0.3 % is the agreed
+//! bound, and a rigid group keeps its shape.
 
 use std::ops::RangeInclusive;
 use std::path::Path;

@@ -84,12 +84,12 @@ pub struct NotBuilt {
 
 #[cfg(not(all(feature = "ros", feature = "vda5050")))]
 impl NotBuilt {
-    /// Says what builds it.
+    /// Says what installs it.
     pub fn refuse(self, feature: &str) -> anyhow::Result<()> {
         drop(self.arguments);
         usage!(
-            "omnibus {feature} is not in this program; `cargo build --release -p omnibus-master \
-             --features {feature}` builds it (docs/{feature}.md)"
+            "omnibus {feature} is not in this program; `cargo install --profile dev --locked --path \
+             master --features {feature}` installs it (docs/{feature}.md)"
         )
     }
 }
