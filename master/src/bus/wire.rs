@@ -29,8 +29,9 @@ const MASTER: NodeId = match NodeId::new(protocol::MASTER) {
 /// How long a robot may take for one answer unless told otherwise, in µs.
 pub const ANSWER_TIMEOUT_US: u64 = 250_000;
 
-/// Waking later than this after the time asked for is late, in µs: two periods of SYNC.
-const LATE_US: u64 = 20_000;
+/// Waking later than this after the time asked for is late, in µs: robots wait for SYNC 12.5 ms
+/// more than a period (at 100 Hz), of which the way to them takes its part.
+const LATE_US: u64 = 10_000;
 /// How long lateness may be the cause of what goes wrong, in µs.
 const RECENT_US: u64 = 1_000_000;
 

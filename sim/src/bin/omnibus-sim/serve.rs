@@ -25,7 +25,7 @@ const SLICE: Micros = Micros(500);
 /// Further behind the clock on the wall than this, the world gives up catching up.
 const LAG: Duration = Duration::from_millis(200);
 /// Further behind than this, robots and master may miss each other's frames: it is said.
-const LATE: Duration = Duration::from_millis(20);
+const LATE: Duration = Duration::from_millis(10);
 /// Further behind than this, frames have come together that were sent apart.
 const BUNCHED: Duration = Duration::from_millis(2);
 /// How often it is said at most.
