@@ -7,7 +7,7 @@ use canopen::NmtCommand;
 use group::GroupFile;
 use omnibus::bus::address::BusAddress;
 use omnibus::bus::link::Link;
-use omnibus::commission::calibrate::journal::Journal;
+use omnibus::commission::calibrate::journal::{Journal, saved_motions};
 use omnibus::commission::calibrate::manoeuvre::{Manoeuvre, Settings};
 use omnibus::commission::calibrate::measure::{Body, Instrument};
 use omnibus::commission::calibrate::recorded_motions::Source;
@@ -275,7 +275,15 @@ fn work<L: Link>(
         (_, path) => {
             let record = path?.with_extension("calibration.jsonl");
             let of = format!("{file:?} {settings:?} {} {}", slip.tape, gyro.is_some());
-            journal = journal.backed_by(&record, protocol::crc32(of.bytes()), slip.resume)?;
+            let of = protocol::crc32(of.bytes());
+            if let Some(motions) = (!slip.resume).then(|| saved_motions(&record, of)).flatten() {
+                let record = record.display();
+                print_note(format!(
+                    "{record} has {motions} motions of a calibration that ended early, which the \
+                     first motion of this one replaces; --resume continues from them."
+                ));
+            }
+            journal = journal.backed_by(&record, of, slip.resume)?;
         }
     }
     let done = find(
@@ -327,6 +335,22 @@ fn work<L: Link>(
              it; `omnibus param save` does",
         )?;
     }
+    show_end(arguments, version, &phases, &calibration, rewritten)?;
+    if let Some(path) = &slip.plot {
+        progress::write(path, &chart::sheet(&calibration), false)?;
+    }
+    Ok(())
+}
+
+/// The whole result in JSON, or what became of it: `rewritten` says whether the group file was,
+/// where the result was to be written.
+fn show_end(
+    arguments: &Arguments,
+    version: u32,
+    phases: &[RobotPhases],
+    calibration: &Calibration,
+    rewritten: Option<bool>,
+) -> anyhow::Result<()> {
     if json() {
         let outcomes: Vec<Value> = calibration
             .outcomes
@@ -335,7 +359,7 @@ fn work<L: Link>(
             .collect();
         let phases: Vec<Value> = phases.iter().map(phase::to_json).collect();
         let lag = &calibration.file.contact_lag;
-        print_json(&json!({
+        return print_json(&json!({
             "version": version, "outcomes": outcomes, "phases": phases,
             "constants": found::constants_json(&calibration),
             "hand_over_loss_s_per_m": calibration.file.hand_over_loss,
@@ -344,28 +368,23 @@ fn work<L: Link>(
                 "lateral": f64::from(lag.lateral) * 1e3,
                 "yaw": f64::from(lag.yaw) * 1e3,
             },
-            "written": rewritten.is_some(), "saved": slip.save,
+            "written": rewritten.is_some(), "saved": arguments.slip.save,
             "group_file": rewritten.unwrap_or(false),
-        }))?;
-    } else {
-        print_line(match rewritten {
-            None => {
-                "The robots still have their previous values; --write writes the result into them \
-                 and into the group file."
-            }
-            Some(true) => {
-                "Written into the robots and the group file; --undo restores the previous values."
-            }
-            Some(false) => {
-                "Written into the robots. Copy the lines above into the group file, or the next \
-                 `group apply` overwrites them."
-            }
-        })?;
+        }));
     }
-    if let Some(path) = &slip.plot {
-        progress::write(path, &chart::sheet(&calibration), false)?;
-    }
-    Ok(())
+    print_line(match rewritten {
+        None => {
+            "The robots still have their previous values; --write writes the result into them \
+             and into the group file."
+        }
+        Some(true) => {
+            "Written into the robots and the group file; --undo restores the previous values."
+        }
+        Some(false) => {
+            "Written into the robots. Copy the lines above into the group file, or the next \
+             `group apply` overwrites them."
+        }
+    })
 }
 
 /// Everything that is asked for: with --all phases, too, where the group file has rollers.

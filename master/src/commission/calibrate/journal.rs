@@ -144,29 +144,19 @@ impl<'a> Journal<'a> {
             path: path.display().to_string(),
             problem,
         };
-        let io = |error: std::io::Error| problem(error.to_string());
         if resume {
-            let file = File::open(path).map_err(|error| {
+            let saved = saved(path, fingerprint).map_err(|error| {
                 problem(format!(
                     "{error}; there is no calibration to resume; run it without --resume"
                 ))
             })?;
-            let mut lines = BufReader::new(file).lines();
-            let first = lines.next().transpose().map_err(io)?;
-            if first != Some(head(fingerprint)) {
-                return Err(problem(
+            self.saved = saved.ok_or_else(|| {
+                problem(
                     "belongs to another group file or to other options; give the same ones, or \
                      calibrate without --resume"
                         .into(),
-                ));
-            }
-            for line in lines {
-                // The last line of a run that was cut off may be half a line.
-                let Ok(line) = serde_json::from_str(&line.map_err(io)?) else {
-                    break;
-                };
-                self.saved.push_back(line);
-            }
+                )
+            })?;
         }
         let mut begins = head(fingerprint) + "\n";
         for line in &self.saved {
@@ -299,6 +289,30 @@ impl<'a> Journal<'a> {
     }
 }
 
+/// How many motions an earlier run of the same calibration has left in a file.
+#[must_use]
+pub fn saved_motions(path: &Path, fingerprint: u32) -> Option<usize> {
+    let saved = saved(path, fingerprint).ok().flatten()?;
+    (!saved.is_empty()).then_some(saved.len())
+}
+
+/// The motions in a file; `None` where they are of another calibration.
+fn saved(path: &Path, fingerprint: u32) -> std::io::Result<Option<VecDeque<Line>>> {
+    let mut lines = BufReader::new(File::open(path)?).lines();
+    if lines.next().transpose()? != Some(head(fingerprint)) {
+        return Ok(None);
+    }
+    let mut saved = VecDeque::new();
+    for line in lines {
+        // The last line of a run that was cut off may be half a line.
+        let Ok(line) = serde_json::from_str(&line?) else {
+            break;
+        };
+        saved.push_back(line);
+    }
+    Ok(Some(saved))
+}
+
 fn head(fingerprint: u32) -> String {
     format!("{{\"calibration\":\"{fingerprint:08x}\"}}")
 }
@@ -356,11 +370,13 @@ mod tests {
         let text = std::fs::read_to_string(&path).unwrap() + "{\"number\":3,";
         std::fs::write(&path, text).unwrap();
         assert!(matches!(run(true, 0, 8), Err(CalibrateError::File { .. })));
+        assert_eq!([7, 8].map(|of| saved_motions(&path, of)), [Some(2), None]);
         let (out, steps) = run(true, 0, 7).unwrap();
         assert_eq!(out, [10, 20, 30, 40]);
         assert_eq!(steps[..2], [What::Kept, What::Kept]);
         assert_eq!(driven, [1, 2, 3, 3, 4]);
-        std::fs::remove_file(path).unwrap();
+        std::fs::remove_file(&path).unwrap();
+        assert_eq!(saved_motions(&path, 7), None);
     }
 
     #[test]
