@@ -29,8 +29,7 @@ const MASTER: NodeId = match NodeId::new(protocol::MASTER) {
 /// How long a robot may take for one answer unless told otherwise, in µs.
 pub const ANSWER_TIMEOUT_US: u64 = 250_000;
 
-/// Waking later than this after the time asked for is late, in µs: robots wait for SYNC 12.5 ms
-/// more than a period (at 100 Hz), of which the way to them takes its part.
+/// Waking later than this after the time asked for is late where no group says otherwise, in µs.
 const LATE_US: u64 = 10_000;
 /// How long lateness may be the cause of what goes wrong, in µs.
 const RECENT_US: u64 = 1_000_000;
@@ -51,6 +50,10 @@ pub struct Wire<L> {
     sync_counter: u8,
     /// How long a robot may take for one SDO answer, in µs.
     pub(crate) patience_us: u64,
+    /// Waking later than this after the time asked for is late, in µs. For a group that is a period
+    /// of SYNC: its robots wait for one and a quarter periods more, of which the way to them takes
+    /// its part.
+    pub(crate) late_us: u64,
     /// When this end was last late, and by how much.
     late: Option<(Micros, Micros)>,
 }
@@ -80,6 +83,7 @@ impl<L: Link> Wire<L> {
             load: Meter::default(),
             sync_counter: 0,
             patience_us: ANSWER_TIMEOUT_US,
+            late_us: LATE_US,
             late: None,
         }
     }
@@ -171,7 +175,7 @@ impl<L: Link> Wire<L> {
     ) -> Result<Option<(Micros, Frame)>, MasterError> {
         let received = self.link.receive(until)?;
         let late = self.link.now().since(until);
-        if received.is_none() && late.0 > LATE_US && !self.link.time_waits() {
+        if received.is_none() && late.0 > self.late_us && !self.link.time_waits() {
             self.count_late(late);
         }
         while let Some((at, sync)) = self.link.take_sent() {
@@ -200,7 +204,7 @@ impl<L: Link> Wire<L> {
     pub(crate) fn blame(&self, error: MasterError) -> MasterError {
         let paced = self.link.punctuality().map_or(0.0, |read| read.lately_us);
         let late_ms = (paced * 1e-3).max(self.lately().0 as f64 * 1e-3);
-        if late_ms * 1e3 < LATE_US as f64 || !error.may_come_of_lateness() {
+        if late_ms * 1e3 < self.late_us as f64 || !error.may_come_of_lateness() {
             return error;
         }
         MasterError::Busy {

@@ -168,6 +168,8 @@ impl<L: Link> Group<L> {
     #[must_use]
     pub fn observe(bus: L, config: &GroupFile) -> Self {
         let now = bus.now();
+        let mut wire = Wire::visiting(bus);
+        wire.late_us = config.sync_period_us.into();
         let members = config.robots.iter().map(|robot| Member {
             node: robot.node,
             nmt: None,
@@ -178,7 +180,7 @@ impl<L: Link> Group<L> {
             temperature: None,
         });
         Self {
-            wire: Wire::visiting(bus),
+            wire,
             members: members.collect(),
             file: Arc::new(config.clone()),
             strangers: BTreeSet::new(),
