@@ -1,4 +1,5 @@
-//! Only `src/board/` knows the chip, only a board's file knows its pins.
+//! Only `src/board/` knows the chip, only a board's file knows its pins; and a command that drives
+//! watches for signals.
 //!
 //! A check reads the sources as text, comments left out.
 
@@ -189,4 +190,31 @@ fn no_test_lies_where_none_is_run() {
         }
     }
     nothing(&complaints);
+}
+
+/// A command that drives a group ends at Ctrl-C, SIGTERM and a closed terminal with the robots
+/// ramped down: it asks for that before it takes the bus.
+#[test]
+fn what_drives_watches_for_signals() {
+    let mut complaints = Vec::new();
+    let mut drives = 0;
+    for path in sources("master/src/cli") {
+        let lines = code(&path);
+        let has = |parts: &[&str]| {
+            lines
+                .iter()
+                .any(|(_, line)| parts.iter().any(|part| line.contains(part)))
+        };
+        if has(&[".pilot(", ".command(&", "Group::connect("]) {
+            drives += 1;
+            if !has(&["abort_on_ctrl_c(", "configured("]) {
+                complaints.push(format!(
+                    "{}: drives, and is killed by a signal",
+                    path.display()
+                ));
+            }
+        }
+    }
+    nothing(&complaints);
+    assert!(drives >= 10, "{drives}");
 }
