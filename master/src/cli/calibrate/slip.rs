@@ -361,7 +361,7 @@ fn show_end(
         let lag = &calibration.file.contact_lag;
         return print_json(&json!({
             "version": version, "outcomes": outcomes, "phases": phases,
-            "constants": found::constants_json(&calibration),
+            "constants": found::constants_json(calibration),
             "hand_over_loss_s_per_m": calibration.file.hand_over_loss,
             "contact_lag_ms": {
                 "longitudinal": f64::from(lag.longitudinal) * 1e3,
