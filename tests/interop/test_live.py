@@ -150,6 +150,14 @@ class Live(unittest.TestCase):
         except (ProcessLookupError, ChildProcessError):
             pass
 
+    def hold_up(self, terminal, until):
+        """Holds the key "up", which repeats, until the screen is as asked."""
+        end = time.monotonic() + PATIENCE
+        while not until(terminal.screen()) and time.monotonic() < end:
+            terminal.press(b"\x1b[A")
+            terminal.listen()
+        self.assertTrue(until(terminal.screen()), terminal.screen())
+
     def test_watch_only_listens_until_it_is_told_to_start(self):
         terminal = self.open("watch")
         shown = terminal.until("three robots", lambda s: all(f"\n   {n} PRE-OP" in s for n in (2, 3, 4)))
@@ -169,11 +177,7 @@ class Live(unittest.TestCase):
     def test_teleop_moves_while_a_key_repeats_and_ramps_down_when_it_does_not(self):
         terminal = self.open("teleop")
         terminal.until("running", lambda s: "running" in s and "   4 OP " in s)
-        end = time.monotonic() + PATIENCE
-        while (place(terminal.screen()) or 0.0) < 0.1 and time.monotonic() < end:
-            terminal.press(b"\x1b[A")
-            terminal.listen()
-        self.assertGreaterEqual(place(terminal.screen()), 0.1)
+        self.hold_up(terminal, until=lambda s: (place(s) or 0.0) >= 0.1)
         self.assertAlmostEqual(speed(terminal.screen()), 0.2, delta=0.01)
         # Nobody presses any more.
         terminal.until("at rest", lambda s: speed(s) == 0.0)
@@ -198,11 +202,7 @@ class Live(unittest.TestCase):
                 bus = "lockstep://" + world.stdout.readline().split()[1]
                 terminal = self.open("teleop", bus, "--group", "groups/tcc-2.toml")
                 terminal.until("running", lambda s: "running" in s and "   3 OP " in s)
-                deadline = time.monotonic() + PATIENCE
-                while (speed(terminal.screen()) or 0.0) < 0.1 and time.monotonic() < deadline:
-                    terminal.press(b"\x1b[A")
-                    terminal.listen()
-                self.assertGreaterEqual(speed(terminal.screen()), 0.1)
+                self.hold_up(terminal, until=lambda s: (speed(s) or 0.0) >= 0.1)
                 end(terminal)
                 self.assertEqual(terminal.close() if name != "closed" else terminal.hang_up(), 0)
                 if name != "closed":

@@ -10,7 +10,7 @@
 
 use std::collections::VecDeque;
 use std::fs::File;
-use std::io::{BufRead as _, BufReader, Write as _};
+use std::io::{BufRead as _, BufReader, ErrorKind, Write as _};
 use std::path::{Path, PathBuf};
 
 use serde::de::DeserializeOwned;
@@ -146,9 +146,11 @@ impl<'a> Journal<'a> {
         };
         if resume {
             let saved = saved(path, fingerprint).map_err(|error| {
-                problem(format!(
-                    "{error}; there is no calibration to resume; run it without --resume"
-                ))
+                problem(if error.kind() == ErrorKind::NotFound {
+                    format!("{error}; there is no calibration to resume; run it without --resume")
+                } else {
+                    format!("{error}; mend this, or calibrate without --resume")
+                })
             })?;
             self.saved = saved.ok_or_else(|| {
                 problem(
