@@ -429,6 +429,19 @@ fn every_document_is_in_the_index() {
 }
 
 #[test]
+fn every_package_is_in_the_readme() {
+    let readme = read("README.md");
+    let manifests = files("toml").into_iter();
+    let packages =
+        manifests.filter(|path| path.ends_with("Cargo.toml") && path.iter().count() == 2);
+    let missing: Vec<String> = packages
+        .map(|path| path.with_file_name("").display().to_string())
+        .filter(|folder| !readme.contains(&format!("\n| `{folder}`")))
+        .collect();
+    nothing(&missing);
+}
+
+#[test]
 fn the_check_of_anchors_follows_the_rule_of_the_forge() {
     assert_eq!(anchor("## Where is ...?"), "where-is-");
     assert_eq!(anchor("# 0013: The control tick"), "0013-the-control-tick");
