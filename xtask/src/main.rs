@@ -1,22 +1,19 @@
 //! Workspace tasks: `cargo xtask accept | demo | test | coverage | faults | interop | socketcan |
 //! fuzz | bench | profile | size | flash | release | keys | web | check-elf | check-demo`.
 //!
-//! There is one file per task; [`cargo`] runs the tools and [`firmware`] builds and inspects the
-//! image. A task that fails reports the cause and the remedy and exits with 1. Only `rustup`,
-//! `cargo`, `pip` and `npm` (for `interop`) and `apt-get` (for `socketcan`) download anything.
+//! There is one file per task. A task that fails reports the cause and the remedy and exits with 1.
+//! Only `rustup`, `cargo`, `pip` and `npm` (for `interop`) and `apt-get` (for `socketcan`) download
+//! anything.
 
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
+use tasks::{cargo, demo, firmware};
 
 mod accept;
 mod bench;
-mod cargo;
 mod check;
-mod demo;
-mod environment;
 mod faults;
-mod firmware;
 mod flash;
 mod interop;
 mod programs;
@@ -158,11 +155,5 @@ fn run(task: Task) -> anyhow::Result<ExitCode> {
 }
 
 fn main() -> ExitCode {
-    match run(Arguments::parse().task) {
-        Ok(code) => code,
-        Err(error) => {
-            eprintln!("error: {error:#}");
-            ExitCode::FAILURE
-        }
-    }
+    tasks::exit_code(run(Arguments::parse().task))
 }

@@ -4,13 +4,16 @@
 //! The last part of the firmware's build uses one core for half a minute, and so does that of the
 //! tasks. On a fresh clone they run beside each other instead of one after the other; the tests
 //! have another board's image built meanwhile. The two share no build folder, so neither waits for
-//! the other's lock. The firmware's build here says nothing and may fail: the task runs the same
-//! build again, finds it done, and reports what went wrong otherwise.
+//! the other's lock. The tasks' build goes first where both want a core: it has the longer chain of
+//! crates that wait for each other, and the firmware's fills the gaps. The firmware's build here
+//! says nothing and may fail: the task runs the same build again, finds it done, and reports what
+//! went wrong otherwise.
 
 #[path = "../../src/environment.rs"]
 mod environment;
 
 use std::env;
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitCode, ExitStatus, Stdio};
 
@@ -35,8 +38,26 @@ fn needs_image(arguments: &[String]) -> bool {
     task && !asks_for_help && !is_native
 }
 
+/// Cargo as this program was started by it, in the workspace and without this package's variables.
 fn cargo(root: &Path) -> Command {
-    let mut command = Command::new(env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+    in_workspace(Command::new(cargo_path()), root)
+}
+
+/// The same with a lower priority than everything else, where there is a command for that.
+fn cargo_behind(root: &Path) -> Command {
+    if cfg!(not(unix)) {
+        return cargo(root);
+    }
+    let mut command = Command::new("nice");
+    command.args(["-n", "10"]).arg(cargo_path());
+    in_workspace(command, root)
+}
+
+fn cargo_path() -> OsString {
+    env::var_os("CARGO").unwrap_or_else(|| "cargo".into())
+}
+
+fn in_workspace(mut command: Command, root: &Path) -> Command {
     command.current_dir(root);
     environment::without_package(&mut command);
     command
@@ -44,7 +65,7 @@ fn cargo(root: &Path) -> Command {
 
 /// A build of the firmware, as `xtask/src/firmware.rs` runs it.
 fn firmware(root: &Path) -> Command {
-    let mut command = cargo(root);
+    let mut command = cargo_behind(root);
     command
         .args([
             "build",
@@ -73,16 +94,16 @@ fn board_c(root: &Path, target: &Path) -> Command {
     command
 }
 
-/// The tasks' own build and start. Where everything else is built next, they are built as a part of
-/// that: alone, they would have fewer features of the tool's library, and this would be built
-/// twice.
+/// The tasks' own build and start. The demo is a program of its own, with less to compile. Where
+/// everything else is built next, the tasks are built as a part of that: alone, they would have
+/// fewer features of the tool's library, and this would be built twice.
 fn tasks(root: &Path, target: &Path, arguments: &[String]) -> std::io::Result<ExitStatus> {
-    let program = target
-        .join("debug")
-        .join(format!("xtask{}", env::consts::EXE_SUFFIX));
-    let tested = arguments
-        .first()
-        .is_some_and(|task| WITH_TESTS.contains(&task.as_str()));
+    let task = arguments.first().map(String::as_str);
+    let is_demo = task == Some("demo");
+    let name = if is_demo { "xtask-demo" } else { "xtask" };
+    let program = format!("{name}{}", env::consts::EXE_SUFFIX);
+    let program = target.join("debug").join(program);
+    let tested = task.is_some_and(|task| WITH_TESTS.contains(&task));
     let mut build = cargo(root);
     build.arg(if tested { "build" } else { "run" });
     // The first build takes minutes, and shows how far it is.
@@ -90,10 +111,12 @@ fn tasks(root: &Path, target: &Path, arguments: &[String]) -> std::io::Result<Ex
         build.arg("--quiet");
     }
     if !tested {
-        return build
-            .args(["--package", "xtask", "--features", "elf", "--"])
-            .args(arguments)
-            .status();
+        build.args(["--package", "xtask", "--features", "elf"]);
+        if is_demo {
+            build.arg("--no-default-features");
+        }
+        build.args(["--bin", name, "--"]);
+        return build.args(arguments).status();
     }
     let status = build
         .args(["--workspace", "--features", TESTED, "--bin", "xtask"])
