@@ -34,6 +34,7 @@ pub mod pilot;
 #[cfg(feature = "recording")]
 pub mod recording;
 pub mod report;
+#[cfg(feature = "recording")]
 pub mod ros;
 pub mod run;
 pub mod serve;
