@@ -113,3 +113,20 @@ fn the_command_lists_runs_and_refuses() {
     let figure = std::fs::read_to_string(folder.join("table-8-1.svg")).unwrap();
     assert!(figure.contains("paper\n") && figure.contains("table plant\n"));
 }
+
+/// Whoever reads the figures has seen enough: what was found by then is on the disk.
+#[test]
+fn findings_outlive_their_reader() {
+    let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("paper-unread");
+    let _ = std::fs::remove_dir_all(&folder);
+    let mut child = Command::new(env!("CARGO_BIN_EXE_omnibus-sim"))
+        .args(["paper", "table-8", "--plant", "table", "--out"])
+        .arg(&folder)
+        .stdout(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    child.wait().unwrap();
+    assert!(folder.join("report.html").is_file());
+    assert!(folder.join("table-8-1.svg").is_file());
+}

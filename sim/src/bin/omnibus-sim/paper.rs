@@ -85,11 +85,15 @@ pub fn paper(arguments: &Paper) -> anyhow::Result<()> {
         let findings = scenario
             .run(&setting)
             .with_context(|| format!("experiment {}", scenario.name))?;
-        print_line(to_text(&findings))?;
+        let text = to_text(&findings);
         all.push(findings);
+        // After each, so that an early end keeps what was found.
+        if let Some(folder) = &arguments.out {
+            write(folder, &all, word)?;
+        }
+        print_line(text)?;
     }
     if let Some(folder) = &arguments.out {
-        write(folder, &all, word)?;
         print_line(format_args!(
             "report   {}",
             folder.join("report.html").display()
@@ -98,12 +102,13 @@ pub fn paper(arguments: &Paper) -> anyhow::Result<()> {
     Ok(())
 }
 
+/// The charts of the newest findings, and the page of all.
 fn write(folder: &Path, all: &[Findings], backend: &str) -> anyhow::Result<()> {
     let file = |name: String, text: String| {
         let path = folder.join(name);
         std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))
     };
-    for findings in all {
+    if let Some(findings) = all.last() {
         for (n, chart) in findings.charts.iter().enumerate() {
             file(format!("{}-{}.svg", findings.name, n + 1), chart.to_svg()?)?;
         }
