@@ -487,9 +487,13 @@ fn wheel_test(told: StageKind, driver: Driver) -> Result<Vec<Finding>, MasterErr
     let mut session = Group::connect(&mut link, &group)?;
     session.configure(true)?;
     let period_us = session.period_us();
-    test_wheels(session.wire(), 2, period_us, &mut |_| Ok(None), &mut |_| {
-        Ok(())
-    })
+    test_wheels(
+        session.wire(),
+        2,
+        period_us,
+        &mut |_, _| Ok(None),
+        &mut |_| Ok(()),
+    )
 }
 
 /// Every kind with every driver: the wheel test passes where they fit, and names the object where

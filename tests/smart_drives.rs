@@ -390,7 +390,7 @@ fn the_wheel_test_finds_exchanged_drives(image: &str) {
             (0..4).max_by(|a, b| way(a).total_cmp(&way(b))).unwrap()
         });
         let mut problems = |eyes: bool| {
-            let mut look = |wheel: usize| {
+            let mut look = |wheel: usize, _: &_| {
                 let (wheel, forward) = (seen[wheel], true);
                 Ok(eyes.then_some(Observed::Wheel { wheel, forward }))
             };

@@ -76,7 +76,7 @@ fn an_identification() {
 fn a_wheel_test() {
     let mut session = session();
     let period = session.period_us();
-    let mut look = |_| Ok(None);
+    let mut look = |_, _: &_| Ok(None);
     let stopped = test_wheels(session.wire(), 2, period, &mut look, &mut stop_at(0.3));
     assert_eq!(stopped.unwrap_err(), MasterError::Aborted);
     assert_at_rest(&mut session, 0b1100);
@@ -432,6 +432,44 @@ fn a_calibration_that_cannot_be_written_is_resumed() {
         assert_eq!(robot["constants"], serde_json::json!([1.0, 1.0, 1.0]));
     }
     assert!(!floor.folder.join("groups/tcc-2.calibration.jsonl").exists());
+}
+
+/// Finished motions could not be kept, or are not there: that is said before the first is driven.
+#[test]
+fn a_record_of_motions_that_cannot_be_used_is_refused() {
+    let floor = Floor::new("record");
+    let record = floor.folder.join("groups/tcc-2.calibration.jsonl");
+    let refusal = |options: &[&str]| {
+        let ended = floor.calibrate(options, || panic!("drives"));
+        let errors = String::from_utf8(ended.stderr).unwrap();
+        assert_eq!(ended.status.code(), Some(1), "{errors}");
+        assert!(!errors.contains("motion 1 of"), "{errors}");
+        let error = errors.lines().find(|line| line.starts_with("error: "));
+        let error = error.unwrap_or_default().to_owned();
+        assert!(error.contains("tcc-2.calibration.jsonl"), "{errors}");
+        error
+    };
+    let says = |options: &[&str], words: &str| {
+        let error = refusal(options);
+        assert!(error.contains(words), "{error}");
+    };
+    says(
+        &["--resume"],
+        "no calibration to resume; run it without --resume",
+    );
+    std::fs::write(&record, [0xFF, b'\n']).unwrap();
+    says(
+        &["--resume"],
+        "so it has no motions; calibrate without --resume",
+    );
+    std::fs::remove_file(&record).unwrap();
+    std::fs::create_dir(&record).unwrap();
+    for options in [&[][..], &["--resume"]] {
+        says(
+            options,
+            "is a directory; finished motions are kept in this file",
+        );
+    }
 }
 
 /// The frames of a recording are sent up to a Ctrl-C, and no robot stays in OPERATIONAL.

@@ -259,7 +259,7 @@ fn a_restart_in_an_identification_or_a_wheel_test_is_named() {
         let period = session.period_us();
         let wire = session.wire();
         let text = if test {
-            let findings = test_wheels(wire, NODE, period, &mut |_| Ok(None), &mut |_| Ok(()));
+            let findings = test_wheels(wire, NODE, period, &mut |_, _| Ok(None), &mut |_| Ok(()));
             findings.unwrap_err().to_string()
         } else {
             let settings = motors::Settings::default();

@@ -163,7 +163,7 @@ impl<L: Link, H: Hand<L>> Trial<'_, L, H> {
                 continue;
             }
             (self.show)(Step::Begins(&format!("turning the wheels of node {node}")));
-            let mut look = |_| Ok(None);
+            let mut look = |_, _: &_| Ok(None);
             let wire = self.group.wire();
             let found = test_wheels(wire, node, period, &mut look, &mut |_| abort.check());
             match found {

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use anyhow::bail;
 use omnibus::abort::Abort;
-use omnibus::commission::motors::WHEELS;
+use omnibus::commission::motors::{Turned, WHEELS};
 use omnibus::commission::wheel_test::{Finding, Observed, test_wheels};
 use omnibus::error::MasterError;
 use protocol::{Value, address};
@@ -91,8 +91,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let period_us = session.period_us();
     let progress = Progress::new(&format!("turning the wheels of node {node}"));
     let done = Cell::new(0);
-    let mut look = |wheel| {
+    let mut turned = Vec::new();
+    let mut look = |wheel, counted: &Turned| {
         done.set(wheel + 1);
+        turned.push(Finding {
+            wheel,
+            turned: *counted,
+            problem: None,
+        });
         match arguments.ask {
             true => progress.aside(|| ask(wheel, &abort)),
             false => Ok(None),
@@ -108,7 +114,16 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let tested = test_wheels(wire, node, period_us, &mut look, &mut watch);
     drop(progress);
     super::note_punctuality(&session);
-    let findings = tested?;
+    let findings = match tested {
+        Ok(findings) => findings,
+        Err(error) => {
+            // Which wires are wrong takes all four; what the encoders counted is not lost.
+            if !turned.is_empty() && !super::json() {
+                show(&turned)?;
+            }
+            return Err(error.into());
+        }
+    };
     let wrong = findings.iter().filter(|f| f.problem.is_some()).count();
     if super::json() {
         let wheels: Vec<_> = findings.iter().map(finding_json).collect();

@@ -47,8 +47,8 @@ pub struct Finding {
     pub problem: Option<String>,
 }
 
-/// Asks what was seen to turn.
-pub type Look<'a> = &'a mut dyn FnMut(usize) -> Result<Option<Observed>, MasterError>;
+/// Asks what was seen to turn, after a wheel that got the voltage, with what the encoders counted.
+pub type Look<'a> = &'a mut dyn FnMut(usize, &Turned) -> Result<Option<Observed>, MasterError>;
 
 /// Tests the wheels of one robot, configured and in PRE-OPERATIONAL with its wheels off the floor.
 /// `look` returns what was seen after each wheel; `None` when no person looks. `watch` is told how
@@ -88,7 +88,7 @@ pub fn test_wheels<L: Link>(
             }]);
         }
         if let Some(observed) = observed.get_mut(wheel) {
-            *observed = look(wheel)?;
+            *observed = look(wheel, turned)?;
         }
     }
     let mut findings = judge(turned, observed, &reversed);

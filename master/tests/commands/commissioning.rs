@@ -115,7 +115,8 @@ fn wheel_test_and_blink() {
     check("wheel-test", &text);
 }
 
-/// Ctrl-C while a question waits: the answer is not needed, and the exit code says who wanted it.
+/// Ctrl-C while a question waits: the answer is not needed, the exit code says who wanted it, and
+/// what was counted is shown.
 #[cfg(unix)]
 #[test]
 fn ctrl_c_ends_a_wheel_test_that_asks() {
@@ -133,7 +134,7 @@ fn ctrl_c_ends_a_wheel_test_that_asks() {
         ])
         .current_dir(common::root())
         .stdin(Stdio::piped())
-        .stdout(Stdio::null())
+        .stdout(Stdio::piped())
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
@@ -155,6 +156,12 @@ fn ctrl_c_ends_a_wheel_test_that_asks() {
     let mut rest = String::new();
     errors.read_to_string(&mut rest).unwrap();
     assert!(rest.contains("stopped on request"), "{rest}");
+    // The wheel that was turned is shown, and only that.
+    let mut shown = String::new();
+    let mut output = child.stdout.take().unwrap();
+    output.read_to_string(&mut shown).unwrap();
+    let row = |name: &str| shown.contains(&format!("│ {name}"));
+    assert!(row("front left") && !row("front right"), "{shown}");
 }
 
 /// Encoders that are reversed, dead, or have lost a channel, found by what they count.

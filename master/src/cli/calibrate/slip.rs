@@ -256,13 +256,6 @@ fn work<L: Link>(
     gyro: Option<Source<'_, L>>,
 ) -> anyhow::Result<()> {
     let slip = &arguments.slip;
-    let mut group = Group::connect(link, file)?;
-    group.set_abort(abort_on_ctrl_c()?);
-    group.command(NmtCommand::EnterPreOperational)?;
-    let before = held(&mut group, file)?;
-    let newest = file.robots.iter().map(|r| r.compensation_table.version);
-    let newest = newest.chain(before.iter().map(Held::version)).max();
-    let version = newest.unwrap_or(0).saturating_add(1);
     let mut progress = Progress::new(slip.plot.clone());
     let mut journal = Journal::new(|step| progress.show(step)).without(slip.without.clone());
     match (&arguments.target.bus, arguments.target.group_path()) {
@@ -286,6 +279,13 @@ fn work<L: Link>(
             journal = journal.backed_by(&record, of, slip.resume)?;
         }
     }
+    let mut group = Group::connect(link, file)?;
+    group.set_abort(abort_on_ctrl_c()?);
+    group.command(NmtCommand::EnterPreOperational)?;
+    let before = held(&mut group, file)?;
+    let newest = file.robots.iter().map(|r| r.compensation_table.version);
+    let newest = newest.chain(before.iter().map(Held::version)).max();
+    let version = newest.unwrap_or(0).saturating_add(1);
     let done = find(
         arguments,
         &mut group,

@@ -133,7 +133,7 @@ impl<'a> Journal<'a> {
     /// asked for.
     ///
     /// # Errors
-    /// When the file cannot be read or written, or belongs to another calibration.
+    /// When the file could not be written or cannot be read, or belongs to another calibration.
     pub fn backed_by(
         mut self,
         path: &Path,
@@ -144,12 +144,21 @@ impl<'a> Journal<'a> {
             path: path.display().to_string(),
             problem,
         };
+        crate::file::check(path).map_err(|error| {
+            problem(format!(
+                "{error}; finished motions are kept in this file; make it possible to write it"
+            ))
+        })?;
         if resume {
             let saved = saved(path, fingerprint).map_err(|error| {
-                problem(if error.kind() == ErrorKind::NotFound {
-                    format!("{error}; there is no calibration to resume; run it without --resume")
-                } else {
-                    format!("{error}; mend this, or calibrate without --resume")
+                problem(match error.kind() {
+                    ErrorKind::NotFound => {
+                        "there is no calibration to resume; run it without --resume".into()
+                    }
+                    ErrorKind::InvalidData => {
+                        format!("{error}, so it has no motions; calibrate without --resume")
+                    }
+                    _ => format!("{error}; make it possible to read it"),
                 })
             })?;
             self.saved = saved.ok_or_else(|| {
@@ -275,7 +284,7 @@ impl<'a> Journal<'a> {
             .map(|record| record.path.display().to_string());
         CalibrateError::File {
             path: path.unwrap_or_default(),
-            problem: format!("{error}; free some disk space, then continue with --resume"),
+            problem: format!("{error}; make room or mend this, then continue with --resume"),
         }
     }
 
