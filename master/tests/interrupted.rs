@@ -127,10 +127,11 @@ fn a_fault_in_an_identification_is_named() {
     assert!(!text.contains("stopped by the master"), "{text}");
 }
 
-/// How a command ended, and how many lines it sent to the bus.
+/// How a command ended, how many lines it sent to the bus, and what it printed.
 struct Ended {
     code: Option<i32>,
     sent: usize,
+    shown: String,
 }
 
 /// How long the line after Ctrl-C is held back. The command waits for its answer meanwhile, so it
@@ -139,13 +140,24 @@ const NOTICE: Duration = Duration::from_millis(100);
 
 /// Runs a command on a bus. It gets a Ctrl-C when it sends line number `stop`.
 fn run(arguments: &[&str], bus: &str, stop: usize) -> Ended {
+    relayed(arguments, bus, stop, |id| {
+        let killed = Command::new("kill").args(["-INT", id]).status().unwrap();
+        assert!(killed.success());
+        std::thread::sleep(NOTICE);
+        true
+    })
+}
+
+/// Runs a command on a bus. When it sends line number `stop`, `stopped` gets its process, and
+/// returns whether the bus is still there.
+fn relayed(arguments: &[&str], bus: &str, stop: usize, stopped: fn(&str) -> bool) -> Ended {
     let proxy = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = format!("lockstep://{}", proxy.local_addr().unwrap());
-    let mut child = Command::new(env!("CARGO_BIN_EXE_omnibus"))
+    let child = Command::new(env!("CARGO_BIN_EXE_omnibus"))
         .args(arguments)
         .args(["--bus", &address, "--group", "groups/tcc-2.toml"])
         .current_dir(root())
-        .stdout(Stdio::null())
+        .stdout(Stdio::piped())
         .stderr(Stdio::null())
         .spawn()
         .unwrap();
@@ -158,10 +170,8 @@ fn run(arguments: &[&str], bus: &str, stop: usize) -> Ended {
     std::thread::spawn(move || std::io::copy(&mut answers, &mut back));
     let mut sent = 0;
     for line in BufReader::new(from).lines().map_while(Result::ok) {
-        if sent == stop {
-            let killed = Command::new("kill").args(["-INT", &id]).status().unwrap();
-            assert!(killed.success());
-            std::thread::sleep(NOTICE);
+        if sent == stop && !stopped(&id) {
+            break;
         }
         sent += 1;
         if writeln!(to, "{line}").is_err() {
@@ -169,8 +179,12 @@ fn run(arguments: &[&str], bus: &str, stop: usize) -> Ended {
         }
     }
     let _ = to.shutdown(Shutdown::Both);
-    let code = child.wait().unwrap().code();
-    Ended { code, sent }
+    let output = child.wait_with_output().unwrap();
+    Ended {
+        code: output.status.code(),
+        sent,
+        shown: String::from_utf8(output.stdout).unwrap(),
+    }
 }
 
 /// What `omnibus status` says of each robot: its NMT state and its state as a member.
@@ -218,6 +232,25 @@ fn ctrl_c_at_any_moment_of_a_wheel_test() {
 #[test]
 fn ctrl_c_at_any_moment_of_an_identification() {
     at_any_moment(&["identify-motors", "--node", "2", "--wheels-free"]);
+}
+
+/// What was measured is shown where it cannot be written: the bus goes before the last value.
+#[test]
+fn an_identification_outlives_its_bus() {
+    let identify = ["identify-motors", "--node", "2", "--wheels-free"];
+    let identify = [&identify[..], &["--accept"]].concat();
+    let (served, bus) = serve(&[]);
+    let whole = run(&identify, &bus, usize::MAX);
+    assert_eq!(whole.code, Some(0));
+    drop(served);
+    let (_served, bus) = serve(&[]);
+    let ended = relayed(&identify, &bus, whole.sent - 20, |_| false);
+    assert_eq!(ended.code, Some(3));
+    let is_table = |line: &&str| line.contains('│');
+    let table = |shown: &str| shown.lines().filter(is_table).map(String::from).collect();
+    let tables: [Vec<String>; 2] = [&whole, &ended].map(|one| table(&one.shown));
+    assert_eq!(tables[0].len(), 5);
+    assert_eq!(tables[0], tables[1]);
 }
 
 /// What was driven up to a Ctrl-C is in the report, which says so. Where nothing was driven yet, no

@@ -114,7 +114,7 @@ fn the_command_lists_runs_and_refuses() {
     assert!(figure.contains("paper\n") && figure.contains("table plant\n"));
 }
 
-/// Whoever reads the figures has seen enough: what was found by then is on the disk.
+/// The reader of the figures has seen enough: what was found by then is on the disk.
 #[test]
 fn findings_outlive_their_reader() {
     let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("paper-unread");

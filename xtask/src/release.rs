@@ -169,6 +169,10 @@ pub fn keys(arguments: &KeysArguments) -> anyhow::Result<()> {
             out.display()
         );
     }
+    let public = beside(&out, "pub");
+    if public.exists() {
+        bail!("{} is there already: give another name", public.display());
+    }
     let mut private = [0; 32];
     getrandom::fill(&mut private).context("the system has no random numbers")?;
     let mut options = std::fs::OpenOptions::new();
@@ -180,7 +184,7 @@ pub fn keys(arguments: &KeysArguments) -> anyhow::Result<()> {
         .open(&out)
         .with_context(|| format!("cannot create {}", out.display()))?;
     writeln!(file, "{}", hex(&private))?;
-    let public = beside(&out, "pub");
+    file.sync_all()?;
     write(
         &public,
         &[format!("{}\n", hex(&boot::public_key(&private))).as_bytes()],
@@ -331,5 +335,21 @@ mod tests {
         let out = crate::cargo::root().join("target/secret.key");
         let error = keys(&KeysArguments { out }).unwrap_err().to_string();
         assert!(error.contains("must not be"), "{error}");
+    }
+    #[test]
+    fn neither_half_of_another_key_is_replaced() {
+        let name = format!("omnibus-keys-{}", std::process::id());
+        let folder = std::env::temp_dir().join(name);
+        std::fs::create_dir(&folder).unwrap();
+        let halves = ["release.key", "release.key.pub"].map(|name| folder.join(name));
+        for there in &halves {
+            std::fs::write(there, "another").unwrap();
+            let out = halves[0].clone();
+            assert!(keys(&KeysArguments { out }).is_err());
+            assert_eq!(std::fs::read_to_string(there).unwrap(), "another");
+            assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 1);
+            std::fs::remove_file(there).unwrap();
+        }
+        std::fs::remove_dir(folder).unwrap();
     }
 }

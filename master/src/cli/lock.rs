@@ -182,8 +182,11 @@ fn new_key(path: &Path) -> anyhow::Result<Key> {
         };
         anyhow::anyhow!("cannot create {} ({error}){remedy}", path.display())
     })?;
-    file.write_all(&key)
-        .with_context(|| format!("cannot write {}", path.display()))?;
+    // On the disk before a robot has it, and never a part of it.
+    if let Err(error) = file.write_all(&key).and_then(|()| file.sync_all()) {
+        let _ = std::fs::remove_file(path);
+        return Err(error).with_context(|| format!("cannot write {}", path.display()));
+    }
     print_note(format_args!(
         "Keep a copy of {}: without it only a debug probe unlocks the robots.",
         path.display()

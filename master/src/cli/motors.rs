@@ -103,12 +103,16 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     super::note_punctuality(&session);
     let motors = found?;
     let wire = session.wire();
+    let mut written = Ok(());
     if arguments.accept {
-        motors::accept(wire, node, &motors)?;
+        written = motors::accept(wire, node, &motors);
     }
-    if arguments.save {
-        wire.save(node)?;
+    let accepted = arguments.accept && written.is_ok();
+    if arguments.save && accepted {
+        written = wire.save(node);
     }
+    let saved = arguments.save && written.is_ok();
+    // What was measured is shown even where it could not be written.
     if super::json() {
         let rows = motors.iter().zip(WHEELS).map(|(motor, wheel)| {
             json!({"wheel": wheel, "static_friction_v": motor.static_friction, "speed_v_s_per_rad": motor.speed,
@@ -116,8 +120,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
                    "integral_v_per_rad": motor.integral, "misfit_v": motor.misfit})
         });
         let wheels: Vec<_> = rows.collect();
-        return super::print_json(&json!({"node": node, "accepted": arguments.accept,
-                                         "saved": arguments.save, "wheels": wheels}));
+        super::print_json(&json!({"node": node, "accepted": accepted, "saved": saved,
+                                  "wheels": wheels}))?;
+        return Ok(written?);
     }
     let mut table = output::table(["wheel", "kS", "kV", "kA", "kP", "kI", "misfit"]);
     for (motor, wheel) in motors.iter().zip(WHEELS) {
@@ -134,7 +139,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     print_line(&table)?;
     print_line("kS and misfit in V, kV and kP in V s/rad, kA in V s2/rad, kI in V/rad.")?;
-    print_line(match (arguments.accept, arguments.save) {
+    written?;
+    print_line(match (accepted, saved) {
         (false, _) => "The robot still has its previous values; --accept writes these into it.",
         (true, false) => {
             "These take effect at the next start, until a group file is written or the power is \
