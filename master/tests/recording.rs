@@ -361,3 +361,38 @@ fn a_file_is_replaced_whole_or_not_at_all() {
     omnibus::file::replace(&path, "new").unwrap();
     assert_eq!(std::fs::read_to_string(&path).unwrap(), "new");
 }
+
+/// Nothing is drawn of no frames; of frames without SYNC it is said what their charts lack.
+#[test]
+fn a_recording_without_motion_says_so() {
+    let folder = folder("without-motion");
+    let draw = |command: &str, file: &str| {
+        let output = std::process::Command::new(env!("CARGO_BIN_EXE_omnibus"))
+            .args([command, file])
+            .current_dir(&folder)
+            .output()
+            .unwrap();
+        let notes = String::from_utf8(output.stderr).unwrap();
+        (output.status.code(), notes)
+    };
+    let pictures = ["none.svg", "none.png", "none.html"].map(|name| folder.join(name));
+    for picture in &pictures {
+        let _ = std::fs::remove_file(picture);
+    }
+    std::fs::write(folder.join("none.log"), "").unwrap();
+    let idle = "(1.000000) can0 702#05\n";
+    std::fs::write(folder.join("idle.log"), idle).unwrap();
+    for command in ["plot", "report"] {
+        let (code, notes) = draw(command, "none.log");
+        assert_eq!(code, Some(1), "{notes}");
+        let names_it = notes.starts_with("error: none.log: has no frames");
+        assert!(names_it, "{notes}");
+        let (code, notes) = draw(command, "idle.log");
+        assert_eq!(code, Some(0), "{notes}");
+        assert!(
+            notes.contains("idle.log: no master has sent SYNC"),
+            "{notes}"
+        );
+    }
+    assert!(!pictures.iter().any(|picture| picture.exists()));
+}

@@ -2,13 +2,14 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::Context as _;
-use omnibus::recording::{charts, page};
+use anyhow::{Context as _, bail};
+use omnibus::recording::{Recording, charts, page};
+use protocol::cob;
 use serde_json::json;
 
 use super::convert::load;
 use super::output::Progress;
-use super::{print_line, refuse_input};
+use super::{print_line, print_note, refuse_input};
 
 const PLOT_EXAMPLES: &str = "Examples:
   omnibus plot drive.mcap
@@ -45,6 +46,25 @@ fn write(path: &Path, content: &[u8]) -> anyhow::Result<()> {
 
 fn refuse_recording(output: &Path, recording: &Path) -> anyhow::Result<()> {
     refuse_input("--output", output, recording, "the recording itself")
+}
+
+/// A recording with something to draw. What the group did is told by SYNC and what follows it.
+fn drawable(file: &Path) -> anyhow::Result<Recording> {
+    let recording = load(file, super::quiet())?;
+    let mut frames = recording.frames.iter();
+    if frames.len() == 0 {
+        bail!(
+            "{}: has no frames, so there is nothing to draw; give a recording of a bus with robots",
+            file.display()
+        );
+    }
+    if !frames.any(|recorded| recorded.frame.id() == cob::SYNC) && !super::quiet() {
+        print_note(format_args!(
+            "{}: no master has sent SYNC in it, so charts of the group's motion are empty",
+            file.display()
+        ));
+    }
+    Ok(recording)
 }
 
 /// What a picture's name asks for.
@@ -90,7 +110,7 @@ pub fn plot(arguments: &Plot) -> anyhow::Result<()> {
     for path in &outputs {
         refuse_recording(path, &arguments.file)?;
     }
-    let recording = load(&arguments.file, super::quiet())?;
+    let recording = drawable(&arguments.file)?;
     let progress = Progress::endless("drawing");
     let sheet = charts::sheet(&recording);
     for path in &outputs {
@@ -115,7 +135,7 @@ pub fn report(arguments: &Report) -> anyhow::Result<()> {
     let path = arguments.output.clone();
     let path = path.unwrap_or_else(|| arguments.file.with_extension("html"));
     refuse_recording(&path, &arguments.file)?;
-    let recording = load(&arguments.file, super::quiet())?;
+    let recording = drawable(&arguments.file)?;
     let progress = Progress::endless("drawing");
     write(&path, page::to_html(&recording)?.as_bytes())?;
     drop(progress);
