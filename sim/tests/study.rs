@@ -1,8 +1,11 @@
 //! Studies: many groups without a bus.
 
+use std::process::Command;
+
 use group::{GroupFile, Plant, Tables};
+use kinematics::trajectory::{Circle, Ramped, Trajectory as _};
 use kinematics::{Pose, Twist};
-use omnibus_sim::study::{Study, StudyOptions};
+use omnibus_sim::study::{Study, StudyGroup, StudyOptions};
 
 const START: Pose<f64> = Pose {
     x: 0.0,
@@ -99,7 +102,7 @@ fn a_study_waits_for_nobody() {
 fn a_command_without_a_reader_ends_without_a_word() {
     let (reader, writer) = std::io::pipe().unwrap();
     drop(reader);
-    let ended = std::process::Command::new(env!("CARGO_BIN_EXE_omnibus-sim"))
+    let ended = Command::new(env!("CARGO_BIN_EXE_omnibus-sim"))
         .args([
             "study",
             concat!(env!("CARGO_MANIFEST_DIR"), "/../groups/tcc-3.toml"),
@@ -116,4 +119,35 @@ fn a_command_without_a_reader_ends_without_a_word() {
         "{} {errors}",
         ended.status
     );
+}
+
+/// The command drives a few groups at a time; each has the seed of its place all the same. The
+/// distances of 70 groups, of which 64 come first, are those of a study of all of them.
+#[test]
+fn a_command_drives_every_group_once() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../groups/single-rollers.toml");
+    let file = GroupFile::load(path).unwrap();
+    let motion = Ramped::new(Circle::paper(), 2.0);
+    let period = f64::from(file.sync_period_us) * 1e-6;
+    let periods = (motion.duration() / period).ceil() as u32;
+    let mut study = Study::copies(&file, 70, motion.at(0.0).0, StudyOptions::default()).unwrap();
+    let command = |_: usize, group: &StudyGroup| {
+        let (pose, twist) = motion.at(group.time() + 0.5 * period);
+        twist.to_body(pose.heading)
+    };
+    study.run(periods, 2, &command).unwrap();
+    let end = motion.at(motion.duration()).0;
+    let away = |pose: Pose<f64>| (pose.x - end.x).hypot(pose.y - end.y) * 1e3;
+    let mut all: Vec<f64> = study.groups().iter().map(|g| away(g.pose())).collect();
+    all.sort_by(f64::total_cmp);
+    let expected = format!("median {:.1} mm, largest {:.1} mm", all[35], all[69]);
+
+    let output = Command::new(env!("CARGO_BIN_EXE_omnibus-sim"))
+        .args(["study", "--groups", "70", "--threads", "1", "--motion"])
+        .args(["circle", path])
+        .output()
+        .unwrap();
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert!(text.starts_with("70 groups, 70 robots"), "{text}");
+    assert!(text.contains(&expected), "{expected} in {text}");
 }

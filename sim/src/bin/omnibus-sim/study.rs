@@ -2,10 +2,10 @@
 //! scale` measures what a robot costs, in a study and on a bus.
 
 use std::path::PathBuf;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
-use crate::output::print_line;
-use anyhow::{bail, ensure};
+use crate::output::{print_line, print_note};
+use anyhow::bail;
 use clap::{Args, ValueEnum};
 use group::GroupFile;
 use kinematics::trajectory::{Circle, FigureEight, Ramped, Trajectory};
@@ -24,14 +24,18 @@ pub struct Arguments {
     /// The group file.
     group: PathBuf,
     /// Number of groups, each with the next seed.
-    #[arg(long, default_value_t = 1000)]
-    groups: usize,
+    #[arg(
+        long,
+        default_value_t = 1000,
+        value_parser = clap::value_parser!(u32).range(1..=10_000_000)
+    )]
+    groups: u32,
     /// Curve to drive.
     #[arg(long, value_enum, default_value = "figure-eight")]
     motion: Motion,
     /// Number of threads; 0 uses all processors.
-    #[arg(long, default_value_t = 0)]
-    threads: usize,
+    #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u16).range(..=1024))]
+    threads: u16,
     /// Drives without compensation.
     #[arg(long)]
     uncompensated: bool,
@@ -45,13 +49,17 @@ enum Motion {
     FigureEight,
 }
 
+/// Groups of a thread that exist at a time: memory is limited however many are driven.
+const BATCH: usize = 64;
+/// Time between two notes of how many groups are done.
+const NOTED_EVERY: Duration = Duration::from_secs(5);
+
 /// Drives the study and prints how far its groups end up from where they should.
 ///
 /// # Errors
 /// When the file is refused or a group cannot be built.
 pub fn study(arguments: &Arguments) -> anyhow::Result<()> {
-    ensure!(arguments.groups > 0, "--groups 0: give at least 1");
-    let file = GroupFile::load(&arguments.group)?;
+    let mut file = GroupFile::load(&arguments.group)?;
     let motion: Box<dyn Trajectory<f64> + Sync> = match arguments.motion {
         Motion::Circle => Box::new(Ramped::new(Circle::paper(), RAMP)),
         Motion::FigureEight => Box::new(Ramped::new(FigureEight::paper(), RAMP)),
@@ -61,10 +69,9 @@ pub fn study(arguments: &Arguments) -> anyhow::Result<()> {
         ..StudyOptions::default()
     };
     let start = motion.at(0.0).0;
-    let mut study = Study::copies(&file, arguments.groups, start, options)?;
     let threads = match arguments.threads {
         0 => std::thread::available_parallelism().map_or(1, usize::from),
-        threads => threads,
+        threads => threads.into(),
     };
     let period = f64::from(file.sync_period_us) * 1e-6;
     let periods = (motion.duration() / period).ceil();
@@ -73,21 +80,38 @@ pub fn study(arguments: &Arguments) -> anyhow::Result<()> {
         let (pose, twist) = motion.at(group.time() + 0.5 * period);
         twist.to_body(pose.heading)
     };
-    let began = Instant::now();
-    study.run(periods as u32, threads, &command)?;
-    let seconds = began.elapsed().as_secs_f64();
     let end = motion.at(motion.duration()).0;
-    let mut errors: Vec<f64> = study
-        .groups()
-        .iter()
-        .map(|group| (group.pose().x - end.x).hypot(group.pose().y - end.y) * 1e3)
-        .collect();
+    let mut errors = Vec::new();
+    let (mut robots, mut shape) = (0, 0.0_f64);
+    let began = Instant::now();
+    let mut noted = began;
+    let groups = arguments.groups as usize;
+    let batch = BATCH * threads;
+    for first in (0..groups).step_by(batch) {
+        let count = batch.min(groups - first);
+        let mut study = Study::copies(&file, count, start, options)?;
+        file.simulation.seed = file.simulation.seed.wrapping_add(count as u64);
+        study.run(periods as u32, threads, &command)?;
+        robots += study.robots();
+        for group in study.groups() {
+            let away = (group.pose().x - end.x).hypot(group.pose().y - end.y);
+            errors.push(away * 1e3);
+            shape = shape.max(group.worst_shape_error_mm());
+        }
+        if noted.elapsed() > NOTED_EVERY {
+            noted = Instant::now();
+            print_note(format_args!(
+                "{} of {} groups",
+                errors.len(),
+                arguments.groups
+            ));
+        }
+    }
+    let seconds = began.elapsed().as_secs_f64();
     errors.sort_by(f64::total_cmp);
-    let shape = study.groups().iter().map(StudyGroup::worst_shape_error_mm);
     print_line(format_args!(
-        "{} groups, {} robots, {:.1} s of motion",
-        study.groups().len(),
-        study.robots(),
+        "{} groups, {robots} robots, {:.1} s of motion",
+        errors.len(),
         motion.duration()
     ))?;
     print_line(format_args!(
@@ -95,13 +119,10 @@ pub fn study(arguments: &Arguments) -> anyhow::Result<()> {
         errors[errors.len() / 2],
         errors[errors.len() - 1]
     ))?;
-    print_line(format_args!(
-        "largest shape error: {:.2} mm",
-        shape.fold(0.0, f64::max)
-    ))?;
+    print_line(format_args!("largest shape error: {shape:.2} mm"))?;
     print_line(format_args!(
         "{seconds:.2} s on {threads} threads: {:.0} robot-seconds a second",
-        study.robots() as f64 * motion.duration() / seconds
+        robots as f64 * motion.duration() / seconds
     ))?;
     Ok(())
 }
