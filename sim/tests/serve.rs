@@ -399,7 +399,11 @@ fn bad_input_is_named() {
             "error: --socketcan no-such-can: cannot be opened; create it with:",
         ),
         (
-            ["--pose-rate", "60"],
+            ["--pose-rate", "250"],
+            "error: the following required arguments were not provided:\n  --pose-tcp <ADDR>\n",
+        ),
+        (
+            ["--pose-tcp=127.0.0.1:0", "--pose-rate=60"],
             "error: --pose-rate 60: give a divisor of 4000, for example 100 or 250\n",
         ),
         (

@@ -46,6 +46,11 @@ const LOOK: Duration = Duration::from_millis(20);
 /// How long a bus is listened to meanwhile, µs.
 const LISTEN_US: u64 = 50_000;
 
+/// Speed of the group at level 2, m/s.
+const SPEED: f32 = 0.3;
+/// Time allowed for what a person is asked to do, s.
+const PATIENCE: u16 = 60;
+
 /// Steps in which the yaw rate of a turn is added up.
 const STEPS: f64 = 10_000.0;
 
@@ -64,20 +69,20 @@ pub struct Arguments {
     /// Confirms that the wheels of all robots are off the floor (level 2).
     #[arg(long)]
     wheels_free: bool,
-    /// Robot whose plugs and switches a person operates; by default the first of the group file.
-    #[arg(long)]
+    /// Robot whose plugs and switches a person operates at level 2; by default the first of the
+    /// group file.
+    #[arg(long, value_parser = super::robot)]
     node: Option<u8>,
-    /// Speed of the group at level 2, m/s.
-    #[arg(long, default_value_t = 0.3, value_parser = super::real::<f32>)]
-    speed: f32,
+    /// Speed of the group at level 2, m/s; 0.3 by default.
+    #[arg(long, value_parser = super::real::<f32>)]
+    speed: Option<f32>,
     /// Leaves out checks whose names begin like this, such as fault.14, wheels or motors.3; it may
     /// be given several times.
     #[arg(long, value_name = "NAME")]
     skip: Vec<String>,
-    /// Time allowed for each thing that a person is asked to do, s.
-    #[arg(long, default_value_t = 60, value_name = "SECONDS",
-          value_parser = clap::value_parser!(u16).range(5..=600))]
-    patience: u16,
+    /// Time allowed at level 2 for each thing that a person is asked to do, s; 60 by default.
+    #[arg(long, value_name = "SECONDS", value_parser = clap::value_parser!(u16).range(5..=600))]
+    patience: Option<u16>,
     /// Source of poses at level 3: tcp://HOST:PORT (JSON lines). A simulated bus has its own.
     #[arg(long, value_name = "SOURCE", conflicts_with = "tape")]
     pose: Option<Source>,
@@ -91,8 +96,37 @@ pub struct Arguments {
     target: Target,
 }
 
+impl Arguments {
+    /// Refuses options of the other level. At level 3 the robots are on the floor, and drive the
+    /// length and the speed of its curves.
+    fn check_level(&self) -> anyhow::Result<()> {
+        let given = [
+            (2, "--wheels-free", self.wheels_free),
+            (2, "--node", self.node.is_some()),
+            (2, "--speed", self.speed.is_some()),
+            (2, "--patience", self.patience.is_some()),
+            (3, "--pose", self.pose.is_some()),
+            (3, "--tape", self.tape),
+        ];
+        for (level, option, is_given) in given {
+            if is_given && level != self.level {
+                usage!(
+                    "{option} is for level {level} only; at level {} {}",
+                    self.level,
+                    match self.level {
+                        2 => "the wheels are off the floor",
+                        _ => "the group drives on the floor, at speeds of its own",
+                    }
+                );
+            }
+        }
+        Ok(())
+    }
+}
+
 /// `omnibus accept`.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    arguments.check_level()?;
     let group = arguments.target.group()?;
     let mut findings = Findings {
         arguments,
@@ -260,13 +294,13 @@ fn on_stands(
         bail!("--node {watched}: group '{}' has no such robot", group.name);
     }
     let limit = group.limits.linear_speed;
-    if arguments.speed < 0.1 {
-        usage!("--speed: {} m/s is not 0.1 m/s or more", arguments.speed);
+    let speed = arguments.speed.unwrap_or(SPEED);
+    if speed < 0.1 {
+        usage!("--speed: {speed} m/s is not 0.1 m/s or more");
     }
-    if !(arguments.speed >= 0.1 && arguments.speed <= limit) {
+    if !(speed >= 0.1 && speed <= limit) {
         bail!(
-            "--speed: {} m/s is not between 0.1 and the group's limits.linear_speed, {limit} m/s",
-            arguments.speed
+            "--speed: {speed} m/s is not between 0.1 and the group's limits.linear_speed, {limit} m/s"
         );
     }
     if !arguments.wheels_free {
@@ -278,7 +312,7 @@ fn on_stands(
     }
     let options = accept::Options {
         watched,
-        speed: arguments.speed,
+        speed,
         skip: arguments.skip.clone(),
     };
     let abort = super::abort_on_ctrl_c()?;
@@ -295,7 +329,7 @@ fn on_stands(
             let mut person = Person {
                 answers: tape::answers(),
                 abort: abort.clone(),
-                patience_us: u64::from(arguments.patience) * 1_000_000,
+                patience_us: u64::from(arguments.patience.unwrap_or(PATIENCE)) * 1_000_000,
             };
             let session = Group::connect(link, group)?;
             stand_by(session, &mut person, &options, abort, findings)

@@ -78,7 +78,7 @@ enum Command {
         /// The file.
         file: PathBuf,
         /// Node of the robot; by default all robots.
-        #[arg(long)]
+        #[arg(long, value_parser = super::robot)]
         node: Option<u8>,
     },
     /// Prints the JSON Schema of group files, for editors.

@@ -42,7 +42,7 @@ pub struct Lock {
     #[arg(long)]
     remove_key: bool,
     /// Node of the robot; by default all robots on the bus.
-    #[arg(long)]
+    #[arg(long, value_parser = super::robot)]
     node: Option<u8>,
     #[command(flatten)]
     target: Target,
@@ -55,7 +55,7 @@ pub struct Unlock {
     #[arg(long, value_name = "FILE")]
     key: PathBuf,
     /// Node of the robot; by default all robots on the bus.
-    #[arg(long)]
+    #[arg(long, value_parser = super::robot)]
     node: Option<u8>,
     #[command(flatten)]
     target: Target,
@@ -117,11 +117,6 @@ pub fn run_unlock(arguments: &Unlock) -> anyhow::Result<()> {
 }
 
 fn robots(target: &Target, only: Option<u8>) -> anyhow::Result<(BusWire, Vec<u8>)> {
-    if let Some(node) = only
-        && !protocol::is_robot(node)
-    {
-        usage!("--node {node}: robots are nodes 2 to 17");
-    }
     let mut wire = target.exclusive()?;
     let found = Survey::take(&mut wire, None)?.found;
     let mut nodes: Vec<u8> = found.iter().map(|robot| robot.node).collect();

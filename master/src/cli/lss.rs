@@ -1,6 +1,6 @@
 //! `omnibus lss scan|set`: node ids over the bus.
 
-use anyhow::bail;
+use anyhow::{Context as _, bail};
 use canopen::{Identity, NmtCommand, NmtTarget, NodeId, client};
 use omnibus::commission::lss;
 use omnibus::commission::survey::Survey;
@@ -34,12 +34,13 @@ pub enum Command {
     #[command(after_help = SET_EXAMPLES)]
     Set {
         /// The node id, 2 to 17.
+        #[arg(value_parser = super::robot)]
         node: u8,
         /// Serial number of the robot, hexadecimal; needed when several have no node id.
         #[arg(long, conflicts_with = "now", value_parser = hexadecimal)]
         serial: Option<u32>,
         /// The node id that the robot has now.
-        #[arg(long)]
+        #[arg(long, value_parser = super::robot)]
         now: Option<u8>,
         /// Stores the node id in the robot's flash.
         #[arg(long)]
@@ -111,10 +112,7 @@ fn set(
     store: bool,
     reset: bool,
 ) -> anyhow::Result<()> {
-    let wanted = NodeId::new(node).filter(|_| protocol::is_robot(node));
-    let Some(wanted) = wanted else {
-        usage!("{node} is not a node id of robots; give 2 to 17");
-    };
+    let wanted = NodeId::new(node).context("a node id is 1 to 127")?;
     let mut wire = target.exclusive()?;
     let survey = Survey::take(&mut wire, None)?;
     if now != Some(node) && survey.found.iter().any(|robot| robot.node == node) {

@@ -447,6 +447,12 @@ pub fn real<T: std::str::FromStr + Copy + Into<f64>>(text: &str) -> Result<T, St
     }
 }
 
+/// The node of a robot.
+pub fn robot(text: &str) -> Result<u8, String> {
+    let node = text.parse().ok().filter(|node| protocol::is_robot(*node));
+    node.ok_or_else(|| "robots are nodes 2 to 17".to_owned())
+}
+
 /// An abort that Ctrl-C asks for: once ramps down, twice stops at once.
 pub fn abort_on_ctrl_c() -> anyhow::Result<Abort> {
     let abort = Abort::default();

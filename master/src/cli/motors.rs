@@ -17,7 +17,7 @@ const EXAMPLES: &str = "Examples:
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
     /// Node of the robot.
-    #[arg(long)]
+    #[arg(long, value_parser = super::robot)]
     node: u8,
     /// Confirms that this robot may move: its wheels are off the floor, or the floor around it is
     /// clear.

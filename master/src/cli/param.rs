@@ -42,7 +42,7 @@ pub struct Arguments {
 #[derive(clap::Args)]
 struct At {
     /// Node of the robot.
-    #[arg(long)]
+    #[arg(long, value_parser = super::robot)]
     node: u8,
     #[command(flatten)]
     target: Target,
@@ -110,7 +110,7 @@ enum Command {
         /// A file as `dump` writes it; by default the group file.
         file: Option<PathBuf>,
         /// Node of the robot; by default all of the group file.
-        #[arg(long)]
+        #[arg(long, value_parser = super::robot)]
         node: Option<u8>,
         #[command(flatten)]
         target: Target,

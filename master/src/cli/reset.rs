@@ -24,7 +24,7 @@ const BOOT_US: u64 = 5_000_000;
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
     /// Node of the robot.
-    #[arg(long, required_unless_present = "all")]
+    #[arg(long, required_unless_present = "all", value_parser = super::robot)]
     node: Option<u8>,
     /// Every robot on the bus.
     #[arg(long, conflicts_with = "node")]
@@ -36,11 +36,6 @@ pub struct Arguments {
 /// `omnibus reset`.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let target = &arguments.target;
-    if let Some(node) = arguments.node
-        && !protocol::is_robot(node)
-    {
-        usage!("--node {node}: robots are nodes 2 to 17");
-    }
     let mut wire = target.exclusive()?;
     let found = Survey::take(&mut wire, None)?.found;
     let mut waited_for: BTreeSet<u8> = found.iter().map(|robot| robot.node).collect();

@@ -31,7 +31,7 @@ pub struct Arguments {
     #[arg(required_unless_present = "rollback", conflicts_with = "rollback")]
     file: Option<PathBuf>,
     /// Updates only this robot; the image must have the wire version of the other robots.
-    #[arg(long)]
+    #[arg(long, value_parser = super::robot)]
     node: Option<u8>,
     /// Shows what would be done and changes nothing.
     #[arg(long)]
@@ -46,11 +46,6 @@ pub struct Arguments {
 /// `omnibus update`.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let target = &arguments.target;
-    if let Some(node) = arguments.node
-        && !protocol::is_robot(node)
-    {
-        return Err(Usage(format!("--node {node}: robots are nodes 2 to 17")).into());
-    }
     let image = arguments.file.as_deref().map(read).transpose()?;
     let abort = abort_on_ctrl_c()?;
     let group = target.group_if_any()?;

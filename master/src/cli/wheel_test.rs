@@ -31,7 +31,7 @@ Exits with code 6 if something is wrong.";
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
     /// Node of the robot.
-    #[arg(long)]
+    #[arg(long, value_parser = super::robot)]
     node: u8,
     /// Confirms that the robot's wheels are off the floor.
     #[arg(long)]
@@ -51,7 +51,7 @@ const BLINK_EXAMPLES: &str = "Examples:
 #[command(after_help = BLINK_EXAMPLES)]
 pub struct Blink {
     /// Node of the robot.
-    #[arg(long)]
+    #[arg(long, value_parser = super::robot)]
     node: u8,
     /// Duration, s, up to 255; 0 ends the blinking.
     #[arg(long = "for", default_value_t = 10, value_name = "SECONDS")]

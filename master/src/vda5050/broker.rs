@@ -116,7 +116,7 @@ impl Broker {
     /// Begins to connect, and goes on for as long as this exists.
     ///
     /// # Errors
-    /// When TLS is asked for without what it needs; names the option.
+    /// When TLS is asked for without what it needs, or the reverse; names the option.
     pub fn connect(access: &Access, identity: &Identity) -> Result<Self, String> {
         let Address { tls, host, port } = &access.address;
         // One broker may have several groups, and each keeps its session.
@@ -154,6 +154,12 @@ impl Broker {
                 alpn: None,
                 client_auth: None,
             }));
+        } else if access.authority.is_some() {
+            return Err(
+                "--ca: a connection by mqtt:// is not encrypted and checks no certificate; give \
+                 --broker mqtts://"
+                    .into(),
+            );
         }
         let (client, connection) = Client::new(options, HELD);
         let (sink, inputs) = channel();
@@ -251,18 +257,22 @@ fn listen(mut connection: Connection, client: &Client, identity: &Identity, sink
 mod tests {
     use super::*;
 
+    fn identity() -> Identity {
+        Identity {
+            interface: "uagv".into(),
+            version: ::vda5050::Version::V2_0,
+            manufacturer: "test".into(),
+            serial: "1".into(),
+        }
+    }
+
     /// What [`Broker::connect`] makes, with another thread.
     fn broker(read: impl FnOnce(Sender<Input>) + Send + 'static) -> Broker {
         let (client, _) = Client::new(MqttOptions::new("test", "localhost", 1883), 10);
         let (sink, inputs) = channel();
         Broker {
             client,
-            identity: Identity {
-                interface: "uagv".into(),
-                version: ::vda5050::Version::V2_0,
-                manufacturer: "test".into(),
-                serial: "1".into(),
-            },
+            identity: identity(),
             inputs,
             thread: Some(std::thread::spawn(move || read(sink))),
         }
@@ -278,6 +288,21 @@ mod tests {
         assert!(broker.thread.take().unwrap().join().is_err());
         assert_eq!(broker.next(), Ok(Some(Input::Connected)));
         assert_eq!(broker.next(), Err(ThreadEnded));
+    }
+
+    /// A certificate that is given is meant to be checked, and the password to be encrypted.
+    #[test]
+    fn a_certificate_is_not_given_in_vain() {
+        let access = Access {
+            address: "mqtt://127.0.0.1:1".parse().unwrap(),
+            authority: Some(b"PEM".to_vec()),
+            user: None,
+        };
+        let refused = Broker::connect(&access, &identity()).err().unwrap();
+        assert!(
+            refused.starts_with("--ca: ") && refused.contains("mqtts://"),
+            "{refused}"
+        );
     }
 
     #[test]

@@ -234,3 +234,73 @@ fn identify_motors() {
     ]);
     check("identify-motors", &masked(&text));
 }
+
+/// The commands under `path` that take `--node`, themselves included.
+fn with_node(path: &[String], found: &mut Vec<Vec<String>>) {
+    let mut call: Vec<&str> = path.iter().map(String::as_str).collect();
+    call.push("--help");
+    let help = String::from_utf8(omnibus(&call).stdout).unwrap();
+    if help.contains("--node <NODE>") {
+        found.push(path.to_vec());
+    }
+    let commands = help.split("\nCommands:\n").nth(1).unwrap_or_default();
+    for line in commands.lines().take_while(|line| !line.is_empty()) {
+        let name = line.split_whitespace().next().unwrap_or_default();
+        // A line that goes on belongs to the command above it.
+        if name != "help" && line.starts_with("  ") && !line.starts_with("   ") {
+            with_node(&[path, &[name.to_owned()]].concat(), found);
+        }
+    }
+}
+
+/// No request goes to a node that cannot be a robot's, and no error sends its user to the plugs.
+#[test]
+fn a_node_that_no_robot_has_is_refused_first() {
+    let mut commands = Vec::new();
+    with_node(&[], &mut commands);
+    assert!(commands.len() >= 15, "{commands:?}");
+    for command in commands {
+        for node in ["0", "1", "18", "128", "255", "256", "two"] {
+            let mut call: Vec<&str> = command.iter().map(String::as_str).collect();
+            call.extend(["--node", node]);
+            let output = omnibus(&call);
+            let text = String::from_utf8(output.stderr).unwrap();
+            assert_eq!(output.status.code(), Some(2), "{call:?}: {text}");
+            assert!(
+                text.contains("robots are nodes 2 to 17"),
+                "{call:?}: {text}"
+            );
+        }
+    }
+}
+
+/// Wheels that are said to be free do not make a drive on the floor, nor does a speed slow it.
+#[test]
+fn options_of_another_procedure_are_refused() {
+    let calls = [
+        "accept --level 3 --wheels-free",
+        "accept --level 3 --speed 0.1",
+        "accept --level 3 --node 2",
+        "accept --level 3 --patience 9",
+        "accept --level 2 --wheels-free --tape",
+        "accept --level 2 --wheels-free --pose odometry",
+        "calibrate --phase --speeds 0.2",
+        "calibrate --phase --rates 0.2",
+        "calibrate --phase --distance 0.2",
+        "calibrate --phase --plot a.svg",
+        "calibrate --phase --kept a.json",
+        "calibrate --phase --write --save",
+        "calibrate --undo --speeds 0.2",
+        "calibrate --undo --plot a.svg",
+        "calibrate --all --kept a.json",
+    ];
+    for call in calls {
+        let words = format!("{call} --bus sim:groups/single-rollers.toml");
+        let output = omnibus(&words.split(' ').collect::<Vec<_>>());
+        let text = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(2), "{call}: {text}");
+        assert!(output.stdout.is_empty(), "{call}");
+        let option = call.split(' ').rfind(|word| word.starts_with("--"));
+        assert!(text.contains(option.unwrap()), "{call}: {text}");
+    }
+}

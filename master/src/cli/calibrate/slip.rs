@@ -35,35 +35,52 @@ pub struct Slip {
     #[arg(long, conflicts_with_all = ["pose", "phase"])]
     tape: bool,
     /// Speeds of the straight motions, m/s.
-    #[arg(long, value_delimiter = ',', value_name = "M/S,...", value_parser = real::<f64>)]
+    #[arg(
+        long,
+        value_delimiter = ',',
+        value_name = "M/S,...",
+        value_parser = real::<f64>,
+        conflicts_with_all = ["phase", "undo"]
+    )]
     speeds: Vec<f64>,
     /// Rates of the turns, rad/s.
-    #[arg(long, value_delimiter = ',', value_name = "RAD/S,...", value_parser = real::<f64>)]
+    #[arg(
+        long,
+        value_delimiter = ',',
+        value_name = "RAD/S,...",
+        value_parser = real::<f64>,
+        conflicts_with_all = ["phase", "undo"]
+    )]
     rates: Vec<f64>,
     /// Shortest distance of each motion, m; in turns, the distance that a wheel rolls.
     #[arg(
         long,
         default_value_t = Settings::default().distance,
         value_name = "METRES",
-        value_parser = real::<f64>
+        value_parser = real::<f64>,
+        conflicts_with_all = ["phase", "undo"]
     )]
     distance: f64,
     /// How often each motion is driven each way: 2, or 1 with --tape.
-    #[arg(long)]
+    #[arg(long, conflicts_with = "undo")]
     repeats: Option<u32>,
     /// Also saves the written values to flash.
-    #[arg(long)]
+    #[arg(long, conflicts_with = "phase")]
     save: bool,
     /// Undoes the last --write, in the robots and in the group file.
     #[arg(long, conflicts_with_all = ["write", "phase", "tape", "pose"])]
     undo: bool,
     /// File in which --write saves the previous values for --undo; by default beside the group
     /// file.
-    #[arg(long, value_name = "FILE.json")]
+    #[arg(long, value_name = "FILE.json", conflicts_with = "phase")]
     kept: Option<PathBuf>,
     /// Draws the coefficients over speed after every motion; an existing file is replaced. A page
     /// reloads itself.
-    #[arg(long, value_name = "FILE.svg|FILE.png|FILE.html")]
+    #[arg(
+        long,
+        value_name = "FILE.svg|FILE.png|FILE.html",
+        conflicts_with_all = ["phase", "undo"]
+    )]
     plot: Option<PathBuf>,
     /// Continues a calibration that ended early; completed motions are not driven again.
     #[arg(long, conflicts_with_all = ["undo", "phase"])]
@@ -136,6 +153,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     if slip.save && !arguments.write {
         usage!("--save saves the values that --write writes; add --write");
+    }
+    if slip.kept.is_some() && !arguments.write {
+        usage!("--kept is the file of --write and --undo; add one of them");
     }
     if let Some(path) = &slip.plot {
         progress::form(path)?;

@@ -44,7 +44,7 @@ pub struct Endpoints {
     #[arg(long, value_name = "ADDR")]
     pose_tcp: Option<String>,
     /// Pose samples per second: a divisor of 4000.
-    #[arg(long, value_name = "HZ", default_value_t = 100)]
+    #[arg(long, value_name = "HZ", default_value_t = 100, requires = "pose_tcp")]
     pose_rate: u32,
     /// Streams the samples of the robots' gyros here as lines of JSON.
     #[arg(long, value_name = "ADDR")]
