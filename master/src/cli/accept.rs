@@ -97,8 +97,8 @@ pub struct Arguments {
 }
 
 impl Arguments {
-    /// Refuses options of the other level. At level 3 the robots are on the floor, and drive the
-    /// length and the speed of its curves.
+    /// Refuses options of the other level, which would do nothing: at level 3 the group drives
+    /// curves on the floor, each at a speed of its own.
     fn check_level(&self) -> anyhow::Result<()> {
         let given = [
             (2, "--wheels-free", self.wheels_free),
