@@ -230,14 +230,14 @@ fn what_is_left_out_is_not_tried_and_says_so() {
     let mut session = session(&file);
     let skip = ["wheels", "motors.2", "fault"].map(str::to_owned).to_vec();
     let options = Options { skip, ..options() };
-    let mut shown = 0;
-    let mut show = |step: Step<'_>| {
-        if let Step::Found(checks) = step {
-            shown = checks.len();
-        }
+    let (mut shown, mut begun) = (0, Vec::new());
+    let mut show = |step: Step<'_>| match step {
+        Step::Found(checks) => shown = checks.len(),
+        Step::Begins(what) => begun.push(what.to_owned()),
     };
     let checks = level_two(&mut session, &mut Injection, &options, &mut show).unwrap();
     assert_eq!(shown, checks.len(), "the report has what was shown");
+    assert_eq!(begun, ["identifying the motors of node 3"]);
     for name in names(2, &[2, 3]) {
         let found = checks.iter().filter(|check| check.name == name);
         assert_eq!(found.count(), 1, "{name}");
@@ -249,6 +249,31 @@ fn what_is_left_out_is_not_tried_and_says_so() {
             .iter()
             .all(|check| check.tried || !check.note.is_empty())
     );
+}
+
+/// The others' fault is tried with the stop of one member, but it can be left out without.
+#[test]
+fn a_cause_that_is_tried_with_another_is_left_out_alone() {
+    let file = file();
+    let mut session = session(&file);
+    let mut skip = names(2, &[2, 3]);
+    skip.retain(|name| name != "fault.15");
+    let options = Options { skip, ..options() };
+    let mut begun = Vec::new();
+    let mut show = |step: Step<'_>| {
+        if let Step::Begins(what) = step {
+            begun.push(what.to_owned());
+        }
+    };
+    let checks = level_two(&mut session, &mut Injection, &options, &mut show).unwrap();
+    assert_eq!(begun.len(), 1, "{begun:?}");
+    assert!(begun[0].starts_with("15: "), "{begun:?}");
+    let fifth = checks.iter().filter(|check| check.name.contains(".05"));
+    let fifth: Vec<_> = fifth.map(|check| (&*check.name, &*check.note)).collect();
+    assert_eq!(fifth, [("fault.05", "left out by --skip")]);
+    let tried = checks.iter().filter(|check| check.tried);
+    let others = tried.filter(|check| !check.name.starts_with("fault.15"));
+    assert_eq!(others.count(), 0);
 }
 
 /// The robots stand with drivers off, and as they were configured.

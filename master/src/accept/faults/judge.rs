@@ -8,7 +8,7 @@ use protocol::{Fault, Reaction};
 use super::super::hand::Hand;
 use super::super::records::{self, Entry};
 use super::super::{AcceptError, Trial, not_tried};
-use super::{Means, Seen, source};
+use super::{Means, Seen, name, source};
 use crate::bus::link::Link;
 
 impl<L: Link, H: Hand<L>> Trial<'_, L, H> {
@@ -88,7 +88,7 @@ impl<L: Link, H: Hand<L>> Trial<'_, L, H> {
             check.measured = None;
             check.note = "the wheels did not come to rest within 5 s of a fault".to_owned();
         }
-        if means == Means::Stop && histories.len() > 1 {
+        if means == Means::Stop && histories.len() > 1 && !self.is_skipped(&name(5)) {
             self.judge_others(seen, &histories, place)?;
         }
         Ok(())

@@ -96,6 +96,9 @@ impl<L: Link, H: Hand<L>> Trial<'_, L, H> {
                 self.skip_cause(&promise, reason)?;
                 continue;
             }
+            if matches!(means, Means::With(_)) {
+                continue;
+            }
             (self.show)(Step::Begins(&format!("{number}: {}", promise.cause)));
             match self.fault(&promise, *means) {
                 Ok(None) => {}
@@ -120,9 +123,9 @@ impl<L: Link, H: Hand<L>> Trial<'_, L, H> {
             && limits.command_timeout_us == SETPOINT_TIMEOUT_US
             && limits.sync_timeout_us == 0;
         match means {
-            Means::With(_) if members > 1 => None,
             Means::Not(reason) => Some(reason.to_owned()),
             _ if self.is_skipped(name) => Some("left out by --skip".to_owned()),
+            Means::With(_) if members > 1 => None,
             _ if !defaults => Some(
                 "docs/safety.md promises times for SYNC at 100 Hz and the default time-outs".into(),
             ),
@@ -136,11 +139,17 @@ impl<L: Link, H: Hand<L>> Trial<'_, L, H> {
     /// Leaves out a cause, and those that are tried as part of it.
     fn skip_cause(&mut self, promise: &Promise, reason: String) -> Result<(), AcceptError> {
         let bound = promise.millis.map_or(Bound::Open, Bound::AtMost);
-        let name = name(promise.number);
-        let check = not_tried(name, bound, "ms", source(promise), reason.clone());
+        let check = not_tried(
+            name(promise.number),
+            bound,
+            "ms",
+            source(promise),
+            reason.clone(),
+        );
         self.checks.push(check);
         for (number, means) in CASES {
-            if *means == Means::With(promise.number) && self.left_out("", *means).is_none() {
+            let with_it = *means == Means::With(promise.number);
+            if with_it && self.left_out(&name(*number), *means).is_none() {
                 self.skip_cause(&causes::of(*number)?, reason.clone())?;
             }
         }
@@ -151,7 +160,6 @@ impl<L: Link, H: Hand<L>> Trial<'_, L, H> {
     fn fault(&mut self, promise: &Promise, means: Means) -> Result<Option<String>, AcceptError> {
         let node = self.watched;
         let (speed, task) = match means {
-            Means::With(_) => return Ok(None),
             Means::Plan | Means::Inconsistent => {
                 return self.at_rest(promise, means).map(|()| None);
             }
