@@ -9,6 +9,7 @@ import pathlib
 import signal
 import subprocess
 import tempfile
+import threading
 import time
 
 import jsonschema
@@ -419,19 +420,24 @@ class Locked(Vehicles):
         locked = ["--ca", str(at / "ca.pem"), "--user", "group", "--password-file"]
         self.simulated(broker, "single.toml", *locked, str(at / "secret"), serial="right", scheme="mqtts")
         fleet.state("right", lambda s: s["agvPosition"]["positionInitialized"])
-        # A wrong password, and another authority: said in words, and nothing is published.
+        # A wrong password, another authority, no encryption: said in words, and nothing is published.
         openssl("req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes", "-days", "2",
                 "-subj", "/CN=another authority", "-keyout", "other.key", "-out", "other.pem")
-        for options, word in [(["--ca", at / "ca.pem", "--user", "group", "--password-file", at / "wrong"], "efused"),
-                              (["--ca", at / "other.pem", "--user", "group", "--password-file", at / "secret"], "ertificate")]:
-            command = [os.environ["OMNIBUS"], "vda5050", "--broker", f"mqtts://localhost:{broker.port}", "--serial",
+        wrong, right = (["--user", "group", "--password-file", at / name] for name in ("wrong", "secret"))
+        for scheme, options, word in [("mqtts", ["--ca", at / "ca.pem", *wrong], "efused"),
+                                      ("mqtts", ["--ca", at / "other.pem", *right], "ertificate"),
+                                      ("mqtt", wrong, "unencrypted")]:
+            command = [os.environ["OMNIBUS"], "vda5050", "--broker", f"{scheme}://localhost:{broker.port}", "--serial",
                        "wrong", "--bus", "sim:" + str(ROOT / "groups" / "single.toml"), *options]
             process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True)
+            limit = threading.Timer(PATIENCE, process.kill)
+            limit.start()
             said = ""
             while word not in said:
                 line = process.stderr.readline()
                 self.assertTrue(line, said)
                 said += line
+            limit.cancel()
             process.send_signal(signal.SIGINT)
             process.stderr.close()
             self.assertEqual(process.wait(PATIENCE), 0)

@@ -184,6 +184,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         identity.version,
         identity.topic("order")
     ));
+    if access.user.is_some() && !access.address.tls {
+        print_note(
+            "mqtt:// sends name and password unencrypted: others on the network can read them; \
+             give mqtts:// and --ca where that matters",
+        );
+    }
     let report = |text: &str| print_note(text);
     let result = operate(
         pilot,
