@@ -526,7 +526,7 @@ fn a_dump_is_written_also_where_json_is_asked_for() {
 #[test]
 fn wrong_usage_is_exit_code_2_and_json_where_asked_for() {
     let real = "slcan-tcp://127.0.0.1:1";
-    let cases: [(&[&str], &str); 7] = [
+    let cases: [(&[&str], &str); 9] = [
         (&["drive", "--bus", BUS], "--for <SECONDS>"),
         (
             &["drive", "--vx", "0.1", "--for", "-1", "--bus", BUS],
@@ -543,6 +543,8 @@ fn wrong_usage_is_exit_code_2_and_json_where_asked_for() {
         (&["bus-load", "--robots", "200"], "between 1 and 16"),
         (&["bus-load", "--robots", "1", "--gyros", "2"], "1 robots"),
         (&["reset", "--node", "1", "--bus", BUS], "2 to 17"),
+        (&["reset", "--bus", BUS], "<--node <NODE>|--all>"),
+        (&["update", "--bus", BUS], "<FILE|--rollback>"),
     ];
     for (arguments, part) in cases {
         let refused = |more: &[&str]| {

@@ -12,6 +12,7 @@ use protocol::{Address, Code, Kind, MemberState, OBJECTS, Object, Value, address
 use serde_json::json;
 
 use super::output::Found;
+use super::param_file::Parameters;
 use super::param_text::{find, parse};
 use super::{
     Target, Usage, abort_on_ctrl_c, communication, json, output, param_file, print_json,
@@ -160,10 +161,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         }
         Command::Restore { at } => {
             at.target.visit()?.restore(at.node)?;
-            done(
-                at.node,
-                "will have its default parameters after the next reset (`omnibus reset`)",
-            )
+            let next = format!("after the next `omnibus reset --node {}`", at.node);
+            done(at.node, &format!("will have its default parameters {next}"))
         }
     }
 }
@@ -347,8 +346,22 @@ fn dump(output: Option<&PathBuf>, at: &At) -> anyhow::Result<()> {
     }
 }
 
-fn load(file: &std::path::Path, at: &At) -> anyhow::Result<()> {
+/// Reads a file, and says what becomes of the parameters that it lacks: it may have been cut short.
+fn read(file: &std::path::Path, others: &str) -> anyhow::Result<Parameters> {
     let parameters = param_file::read(file)?;
+    let all = param_file::objects().count();
+    let lacks = all.saturating_sub(parameters.count());
+    if lacks > 0 {
+        let file = file.display();
+        print_note(format_args!(
+            "{file} lacks {lacks} of a robot's {all} parameters; those {others}"
+        ));
+    }
+    Ok(parameters)
+}
+
+fn load(file: &std::path::Path, at: &At) -> anyhow::Result<()> {
+    let parameters = read(file, "remain as they are")?;
     let mut wire = at.target.visit()?;
     if let Some(node) = parameters.node
         && node != at.node
@@ -366,7 +379,7 @@ fn load(file: &std::path::Path, at: &At) -> anyhow::Result<()> {
     for (object, bytes) in &parameters.blocks {
         wire.write_block(at.node, *object, bytes)?;
     }
-    let count = parameters.values.len() + parameters.blocks.len();
+    let count = parameters.count();
     if json() {
         return print_json(&json!({"node": at.node, "written": count}));
     }
@@ -422,7 +435,7 @@ fn differences<L: Link>(
 }
 
 fn diff_file(file: &std::path::Path, node: Option<u8>, target: &Target) -> anyhow::Result<()> {
-    let parameters = param_file::read(file)?;
+    let parameters = read(file, "are not compared")?;
     let Some(node) = node.or(parameters.node) else {
         usage!(
             "--node is missing; it says which robot to compare with {}",
@@ -486,10 +499,13 @@ fn judge(found: &[Difference], what: &str) -> anyhow::Result<()> {
     if found.is_empty() {
         return print_line(format_args!("all parameters are as in {what}"));
     }
+    let differ = match found.len() {
+        1 => "1 parameter differs".to_owned(),
+        count => format!("{count} parameters differ"),
+    };
     Err(Found(format!(
-        "{} parameters differ; `omnibus group apply` writes the group file into the robots, \
-         `omnibus param load` a file",
-        found.len()
+        "{differ}; `omnibus group apply` writes the group file into the robots, `omnibus param \
+         load` a file"
     ))
     .into())
 }

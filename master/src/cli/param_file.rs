@@ -40,6 +40,13 @@ pub struct Parameters {
     pub blocks: Vec<(Address, Vec<u8>)>,
 }
 
+impl Parameters {
+    /// How many it holds.
+    pub fn count(&self) -> usize {
+        self.values.len() + self.blocks.len()
+    }
+}
+
 /// A block as text: two digits a byte.
 pub fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()

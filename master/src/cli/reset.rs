@@ -22,12 +22,13 @@ const BOOT_US: u64 = 5_000_000;
 
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
+#[command(group = clap::ArgGroup::new("which").args(["node", "all"]).required(true))]
 pub struct Arguments {
     /// Node of the robot.
-    #[arg(long, required_unless_present = "all", value_parser = super::robot)]
+    #[arg(long, value_parser = super::robot)]
     node: Option<u8>,
     /// Every robot on the bus.
-    #[arg(long, conflicts_with = "node")]
+    #[arg(long)]
     all: bool,
     #[command(flatten)]
     target: Target,

@@ -26,9 +26,9 @@ xtask release makes the file.";
 
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
+#[command(group = clap::ArgGroup::new("image").args(["file", "rollback"]).required(true))]
 pub struct Arguments {
     /// The image file.
-    #[arg(required_unless_present = "rollback", conflicts_with = "rollback")]
     file: Option<PathBuf>,
     /// Updates only this robot; the image must have the wire version of the other robots.
     #[arg(long, value_parser = super::robot)]

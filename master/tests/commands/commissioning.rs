@@ -37,6 +37,31 @@ fn calibrate_and_undo() {
     std::fs::remove_file(path).unwrap();
 }
 
+/// A file of parameters of which the end is missing, in the middle of a value.
+#[test]
+fn a_dump_that_was_cut_short_is_not_taken_for_a_whole_one() {
+    let file = std::env::temp_dir().join(format!("omnibus-cut-{}.toml", std::process::id()));
+    let name = &*file.to_string_lossy();
+    let at = ["--node", "2", "--bus", BUS];
+    let dumped = omnibus(&[&["param", "dump"], &at[..]].concat()).stdout;
+    let whole = String::from_utf8(dumped).unwrap();
+    let all = whole.lines().filter(|line| line.starts_with('"')).count();
+    let (cut, _) = whole.split_once("53982  # Roller angle").unwrap();
+    for (text, command, lacks, becomes) in [
+        (cut, "load", all - 4, "remain as they are"),
+        (cut, "diff", all - 4, "are not compared"),
+        (&whole, "load", 0, ""),
+    ] {
+        std::fs::write(&file, text).unwrap();
+        let ran = omnibus(&[&["param", command, name], &at[..]].concat());
+        let note = format!("{name} lacks {lacks} of a robot's {all} parameters; those {becomes}\n");
+        let notes = String::from_utf8(ran.stderr).unwrap();
+        assert_eq!(notes.contains(&note), lacks > 0, "{command}: {notes}");
+        assert_eq!(notes.contains(" lacks "), lacks > 0, "{command}: {notes}");
+    }
+    std::fs::remove_file(file).unwrap();
+}
+
 /// A person with a tape measure.
 fn by_tape(mut answer: impl FnMut(usize, &str) -> String) -> std::process::Output {
     use std::io::{BufRead as _, BufReader, Write as _};
