@@ -25,14 +25,21 @@ pub fn limited(from: impl Read, most: u64) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Reads a text of at most [`LARGEST_TEXT`] bytes.
+/// What some programs, spreadsheets among them, write before a text in UTF-8.
+const BYTE_ORDER_MARK: &str = "\u{FEFF}";
+
+/// Reads a text of at most [`LARGEST_TEXT`] bytes, without the byte order mark before it, if any.
 ///
 /// # Errors
 /// When the file is larger, is not UTF-8, or cannot be read.
 pub fn text(path: &Path) -> io::Result<String> {
     let bytes = limited(File::open(path)?, LARGEST_TEXT)?;
     let refused = |_| io::Error::new(io::ErrorKind::InvalidData, "it is not valid UTF-8 text");
-    String::from_utf8(bytes).map_err(refused)
+    let mut text = String::from_utf8(bytes).map_err(refused)?;
+    if text.starts_with(BYTE_ORDER_MARK) {
+        text.drain(..BYTE_ORDER_MARK.len());
+    }
+    Ok(text)
 }
 
 #[cfg(test)]

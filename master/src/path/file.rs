@@ -154,8 +154,9 @@ fn parse(text: &str) -> Result<Spline, (usize, String)> {
             let value = value.ok_or_else(|| (at, format!("{name}: '{field}' is not a number")))?;
             if ["x", "y"].contains(name) && value.abs() > FARTHEST {
                 let problem = format!(
-                    "{name}: {value} m is farther than {FARTHEST} m from zero; move the path \
-                     nearer to its origin"
+                    "{name}: {} m is farther than {FARTHEST} m from zero; move the path nearer to \
+                     its origin",
+                    field.trim()
                 );
                 return Err((at, problem));
             }
@@ -199,6 +200,16 @@ mod tests {
             assert!((twist.vx - (1.5 - 1.5 * t * t)).abs() < 1e-12, "{t}");
         }
         assert_eq!(path.duration(), 2.0);
+    }
+
+    /// With a byte order mark, and lines that end as on Windows.
+    #[test]
+    fn a_file_of_a_spreadsheet_is_read() {
+        let file = std::env::temp_dir().join(format!("omnibus-sheet-{}.csv", std::process::id()));
+        std::fs::write(&file, "\u{FEFF}t,x,y\r\n0,0,0\r\n1,1,0\r\n2,0,0\r\n").unwrap();
+        let path = read(&file);
+        std::fs::remove_file(&file).unwrap();
+        assert_eq!(path.unwrap().times, [0.0, 1.0, 2.0]);
     }
 
     /// A straight line is a straight line, wherever its time begins.
