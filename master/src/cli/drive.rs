@@ -7,6 +7,7 @@ use omnibus::bus::link::Link;
 use omnibus::monitor::average::counted_on;
 use omnibus::monitor::odometry::relative_to;
 use omnibus::monitor::rows::{Recorder, Row};
+use omnibus::path::course::LONGEST;
 use serde_json::json;
 
 use super::output::Progress;
@@ -68,9 +69,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let twist = Twist::new(arguments.vx, arguments.vy, arguments.omega);
     // Refused before the bus is even opened.
     omnibus::session::check_twist(twist, &file.limits)?;
-    if !(arguments.seconds > 0.0 && arguments.seconds <= 3600.0) {
+    if !(arguments.seconds > 0.0 && arguments.seconds <= LONGEST) {
         usage!(
-            "--for: {} s; give more than 0 and at most 3600 s",
+            "--for: {} s; give more than 0 and at most {LONGEST} s",
             arguments.seconds
         );
     }

@@ -20,6 +20,9 @@ const CRAWL: f64 = 0.01;
 /// Step at which a path is checked beforehand, in s.
 const STEP: f64 = 0.01;
 
+/// The longest drive, in s: a row a period is remembered of it, some 0.3 GB an hour for two robots.
+pub const LONGEST: f64 = 3600.0;
+
 /// Where the path comes from.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Shape {
@@ -121,7 +124,8 @@ impl Course {
     ///
     /// # Errors
     /// When a number makes no sense, the file cannot be read, a path that is not closed is to be
-    /// repeated, or the heading follows a direction of travel that is not there.
+    /// repeated, all of it takes longer than [`LONGEST`], or the heading follows a direction of
+    /// travel that is not there.
     pub fn plan(&self) -> Result<Plan, CourseError> {
         self.check()?;
         let path: Motion = match &self.shape {
@@ -141,6 +145,10 @@ impl Course {
         };
         let rate = self.speed;
         let path = Motion(Box::new(Stretched { path, rate }));
+        let seconds = path.duration();
+        if seconds > LONGEST {
+            return Err(CourseError::Long { name, seconds });
+        }
         let offset = self.heading;
         let path = match self.frame {
             Frame::World => Motion(Box::new(Heading {
@@ -187,6 +195,17 @@ pub enum CourseError {
     Open {
         /// Name of the path.
         name: String,
+    },
+    /// It takes too long.
+    #[error(
+        "{name} takes {seconds:.0} s, and a drive {LONGEST} s at most; give fewer --repeats, a \
+         higher --speed, or a path with less time between its rows"
+    )]
+    Long {
+        /// Name of the path.
+        name: String,
+        /// How long it takes, in s.
+        seconds: f64,
     },
     /// There is no direction of travel.
     #[error(
@@ -404,6 +423,28 @@ mod tests {
             text.contains("harmonic") && text.contains("drive it once"),
             "{text}"
         );
+    }
+
+    /// 180 circles of 20 s take an hour, one at a hundredth of its speed 2000 s. Refused at once:
+    /// nothing looks for the speed of a path of years.
+    #[test]
+    fn what_takes_longer_than_an_hour_is_refused() {
+        let circles = |repeats, speed| Course {
+            repeats,
+            speed,
+            ..course(Curve::Circle)
+        };
+        assert!(circles(180, 1.0).plan().is_ok() && circles(1, 0.01).plan().is_ok());
+        let text = circles(181, 1.0).plan().unwrap_err().to_string();
+        assert!(text.starts_with("circle takes 3620 s, and"), "{text}");
+        assert!(circles(2, 0.01).plan().is_err());
+        for frame in [Frame::World, Frame::Body] {
+            let years = Course {
+                frame,
+                ..circles(1000, 0.01)
+            };
+            assert!(matches!(years.plan(), Err(CourseError::Long { .. })));
+        }
     }
 
     #[test]
