@@ -124,6 +124,14 @@ fn usage_errors_exit_with_2() {
             "--bus",
             "sim:groups/tcc-3.toml",
         ],
+        &[
+            "accept",
+            "--wheels-free",
+            "--skip",
+            "",
+            "--bus",
+            "sim:groups/tcc-3.toml",
+        ],
         &["calibrate", "--save", "--bus", "sim:groups/tcc-3.toml"],
     ] {
         assert_eq!(omnibus(arguments).status.code(), Some(2), "{arguments:?}");
@@ -141,6 +149,8 @@ fn values_out_of_range_are_usage_errors_too() {
         ("--ramp", &["follow", "circle", "--ramp", "0"]),
         ("--heading", &["follow", "circle", "--heading", "4000"]),
         ("--repeats", &["follow", "circle", "--repeats", "0"]),
+        ("--rollers", &["calibrate", "--phase", "--rollers", "2"]),
+        ("--without", &["calibrate", "--without", "0"]),
         ("--speed", &["watch", "--speed", "0"]),
         ("--turn", &["teleop", "--turn", "0"]),
         ("--http", &["serve", "--http", "nowhere"]),

@@ -136,7 +136,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let nodes: Vec<u8> = group.robots.iter().map(|robot| robot.node).collect();
     let names = accept::names(arguments.level, &nodes);
     let mut skips = arguments.skip.iter();
-    if let Some(skip) = skips.find(|skip| !names.iter().any(|name| name.starts_with(*skip))) {
+    // Every name begins with nothing.
+    let is_known = |skip: &String| !skip.is_empty() && names.iter().any(|n| n.starts_with(skip));
+    if let Some(skip) = skips.find(|skip| !is_known(skip)) {
         usage!(
             "--skip {skip}: no check begins like that; there are {}",
             names.join(", ")

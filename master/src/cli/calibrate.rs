@@ -34,9 +34,9 @@ pub struct Arguments {
     /// Finds the angle of each wheel's rollers at its index, instead of the loss by slip.
     #[arg(long)]
     phase: bool,
-    /// Number of rollers of a wheel, if the group file does not give it.
-    #[arg(long, default_value_t = 8)]
-    rollers: u8,
+    /// Number of rollers of a wheel, where the group file does not give it; otherwise 8.
+    #[arg(long, value_parser = clap::value_parser!(u8).range(3..=64))]
+    rollers: Option<u8>,
     /// Source of poses: tcp://HOST:PORT with JSON lines. A simulated bus has its own.
     #[arg(long, value_name = "tcp://HOST:PORT")]
     pose: Option<String>,
@@ -51,7 +51,17 @@ pub struct Arguments {
     slip: slip::Slip,
 }
 
+impl Arguments {
+    /// Rollers of a wheel where the group file does not say.
+    fn rollers(&self) -> u8 {
+        self.rollers.unwrap_or(8)
+    }
+}
+
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    if arguments.rollers.is_some() && !arguments.phase && !arguments.slip.all {
+        wrong("--rollers is for finding their phases; add --phase or --all");
+    }
     if arguments.gyro.is_some() {
         if !arguments.phase && !arguments.slip.all {
             wrong("--gyro measures the phases of rollers; add --phase or --all");

@@ -96,6 +96,9 @@ impl Arguments {
                 usage!("{option}: {value} is not between {low} and {high}");
             }
         }
+        if self.map_id.is_empty() {
+            usage!("--map-id is empty; give the name of the map that orders have");
+        }
         let identity = Identity {
             version: self.protocol,
             interface: self.interface.clone(),

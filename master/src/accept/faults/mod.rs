@@ -96,6 +96,7 @@ impl<L: Link, H: Hand<L>> Trial<'_, L, H> {
                 self.skip_cause(&promise, reason)?;
                 continue;
             }
+            // Tried, or left out, with its other one.
             if matches!(means, Means::With(_)) {
                 continue;
             }

@@ -29,7 +29,7 @@ pub const BOARD: &str = "robot";
 
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let target = &arguments.target;
-    let group = rollers::without_phases(&target.group()?, arguments.rollers)?;
+    let group = rollers::without_phases(&target.group()?, arguments.rollers())?;
     let nodes: Vec<u8> = group.robots.iter().map(|robot| robot.node).collect();
     match (&target.bus, arguments.gyro.as_deref(), &arguments.pose) {
         (BusAddress::Sim(_), _, Some(_)) => {

@@ -90,9 +90,10 @@ pub struct Slip {
         long,
         value_delimiter = ',',
         value_name = "NUMBER,...",
+        value_parser = clap::value_parser!(u16).range(1..),
         conflicts_with_all = ["undo", "phase"]
     )]
-    without: Vec<usize>,
+    without: Vec<u16>,
 }
 
 impl Slip {
@@ -169,7 +170,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         check_writable("--write", path)?;
         check_writable("--write", &undo_path(arguments, path))?;
     }
-    let settings = slip.settings(&group, arguments.rollers)?;
+    let settings = slip.settings(&group, arguments.rollers())?;
     let bodies = Body::all(&group);
     if slip.tape && bodies.len() > 1 {
         bail!(
@@ -277,7 +278,7 @@ fn work<L: Link>(
 ) -> anyhow::Result<()> {
     let slip = &arguments.slip;
     let mut progress = Progress::new(slip.plot.clone());
-    let mut journal = Journal::new(|step| progress.show(step)).without(slip.without.clone());
+    let mut journal = Journal::new(|step| progress.show(step)).without(&slip.without);
     match (&arguments.target.bus, arguments.target.group_path()) {
         (BusAddress::Sim(_), _) if slip.resume => {
             usage!(
@@ -314,8 +315,14 @@ fn work<L: Link>(
         gyro,
         &mut journal,
     );
+    let unknown = journal.unknown();
     let record = journal.into_record();
     drop(progress);
+    if let (Ok(_), Some((number, last))) = (&done, unknown) {
+        print_note(format!(
+            "--without {number}: there was no such motion; the last one had number {last}"
+        ));
+    }
     let done = done.and_then(|done| {
         if !json() {
             for found in &done.0 {

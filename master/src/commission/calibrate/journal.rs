@@ -124,9 +124,17 @@ impl<'a> Journal<'a> {
 
     /// Leaves out the motions with these numbers.
     #[must_use]
-    pub fn without(mut self, numbers: Vec<usize>) -> Self {
-        self.left_out = numbers;
+    pub fn without(mut self, numbers: &[u16]) -> Self {
+        self.left_out = numbers.iter().copied().map(usize::from).collect();
         self
+    }
+
+    /// The first number to leave out that no motion has had, and that of the last motion.
+    #[must_use]
+    pub fn unknown(&self) -> Option<(usize, usize)> {
+        let mut numbers = self.left_out.iter();
+        let unknown = numbers.find(|number| **number > self.number)?;
+        Some((*unknown, self.number))
     }
 
     /// Keeps finished motions in a file, and goes on from those that are in it where `resume` is
@@ -397,7 +405,7 @@ mod tests {
         let mut journal = Journal::new(|step: &Step| {
             again += usize::from(matches!(step.what, What::Again(_)));
         })
-        .without(vec![2]);
+        .without(&[2, 90]);
         let late = || MasterError::MemberFault {
             node: 3,
             fault: protocol::Fault::SyncLost,
@@ -413,6 +421,7 @@ mod tests {
         assert_eq!(second.unwrap(), None);
         let never = journal.motion("ahead", &mut || Err::<i32, _>(late()));
         assert!(never.is_err());
+        assert_eq!(journal.unknown(), Some((90, 3)));
         drop(journal);
         assert_eq!(again, 1 + 2);
     }
