@@ -41,12 +41,12 @@ const ROBOT_TESTS: [&str; 5] = [
 /// Updates and the emulator's own ways in.
 const UPDATE_TESTS: [&str; 3] = ["test_emulate", "test_update", "test_update_command"];
 
-/// What computes, the longest first.
+/// What computes. The longest is last, because it alone takes all cores: nothing runs alone after it.
 const COMPUTING_TESTS: [&str; 4] = [
-    "test_mujoco.Intervals",
     "test_mujoco.PhasesByPoses",
     "test_mujoco.PhasesByGyro",
     "test_mujoco.Paths",
+    "test_mujoco.Intervals",
 ];
 
 /// What drives a master with simulated robots in real time: its page and files, fleets.

@@ -74,17 +74,23 @@ pub enum Form {
     Png,
 }
 
-/// The form of a picture by its name; `option` is what gave it.
-pub fn form(path: &Path, option: &str) -> anyhow::Result<Form> {
-    let extension = path.extension().and_then(|e| e.to_str());
-    match extension.map(str::to_ascii_lowercase).as_deref() {
-        Some("svg") => Ok(Form::Svg),
-        Some("png") => Ok(Form::Png),
-        _ => usage!(
-            "{option} {}: the name must end in .svg or .png",
-            path.display()
-        ),
+/// The form of a picture by its name, if it is one's.
+pub fn form_of(path: &Path) -> Option<Form> {
+    let extension = path.extension()?.to_str()?;
+    match extension.to_ascii_lowercase().as_str() {
+        "svg" => Some(Form::Svg),
+        "png" => Some(Form::Png),
+        _ => None,
     }
+}
+
+/// The form of a picture by its name; `option` is what gave it.
+fn form(path: &Path, option: &str) -> anyhow::Result<Form> {
+    let Some(form) = form_of(path) else {
+        let path = path.display();
+        usage!("{option} {path}: the name must end in .svg or .png");
+    };
+    Ok(form)
 }
 
 /// Writes charts in the form that the name asks for.

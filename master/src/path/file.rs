@@ -242,7 +242,7 @@ mod tests {
             ("x,y\n", 1, "t,x,y"),
             ("t,x,y\n0,0,0\n1,a,0\n", 3, "x: 'a'"),
             ("t,x,y\n0,0,0\n1,nan,0\n", 3, "is not a number"),
-            ("t,x,y\n0,0,0\n1,1e5,0\n", 3, "x: 100000 m is farther"),
+            ("t,x,y\n0,0,0\n1,1e300,0\n", 3, "x: 1e300 m is farther"),
             ("t,x,y\n0,0,0\n\n0,1,0\n", 4, "is not later than"),
             ("t,x,y\n0,0,0\n1,1\n", 3, "2 fields"),
             ("t,x,y\n0,0,0\n1,1,1\n", 3, "three rows"),

@@ -32,6 +32,7 @@ fn calibrate_and_undo() {
     text += &transcript(&["calibrate", "--save", "--bus", BUS]);
     text += &transcript(&["calibrate", "--speeds", "0", "--bus", BUS]);
     text += &transcript(&["calibrate", "--speeds", "3", "--bus", BUS]);
+    text += &transcript(&["calibrate", "--plot", "found.pdf", "--bus", BUS]);
     text += &transcript(&["calibrate", "--bus", "slcan-tcp://127.0.0.1:1"]);
     check("calibrate-refused", &text);
     std::fs::remove_file(path).unwrap();

@@ -97,10 +97,11 @@ fn is_page(path: &Path) -> bool {
 
 /// Refuses a name that is neither picture nor page.
 pub fn form(path: &Path) -> anyhow::Result<()> {
-    if is_page(path) {
-        return Ok(());
+    if !is_page(path) && plot::form_of(path).is_none() {
+        let path = path.display();
+        usage!("--plot {path}: the name must end in .svg, .png or .html");
     }
-    plot::form(path, "--plot (or a page, .html)").map(|_| ())
+    Ok(())
 }
 
 /// Writes a picture, or a page that shows it and, while `live`, reloads itself.
