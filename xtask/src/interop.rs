@@ -41,7 +41,7 @@ const ROBOT_TESTS: [&str; 5] = [
 /// Updates and the emulator's own ways in.
 const UPDATE_TESTS: [&str; 3] = ["test_emulate", "test_update", "test_update_command"];
 
-/// What computes. The longest is last, because it alone takes all cores: nothing runs alone after it.
+/// What computes. The longest is last: it alone takes all cores, so none stands idle in the end.
 const COMPUTING_TESTS: [&str; 4] = [
     "test_mujoco.PhasesByPoses",
     "test_mujoco.PhasesByGyro",
