@@ -11,6 +11,28 @@ use std::ops::{Add, Div, Mul, Neg, Sub};
 #[repr(C, align(32))]
 pub(crate) struct Four(pub [f64; 4]);
 
+/// In which lanes two numbers have had different signs.
+#[derive(Debug, Clone, Copy)]
+#[repr(C, align(32))]
+pub(crate) struct Signs([u64; 4]);
+
+impl Signs {
+    pub const EQUAL: Self = Self([0; 4]);
+
+    /// And in which these two have.
+    #[inline(always)]
+    pub fn or(self, a: Four, b: Four) -> Self {
+        let lane = |n: usize| self.0[n] | (a.0[n].to_bits() ^ b.0[n].to_bits());
+        Self([lane(0), lane(1), lane(2), lane(3)])
+    }
+
+    #[inline(always)]
+    pub fn all_equal(self) -> bool {
+        let [a, b, c, d] = self.0;
+        (a | b | c | d) >> 63 == 0
+    }
+}
+
 /// Taylor's terms of the sine from `x^3`, and of the cosine from `x^2`: within a sixth of a turn to
 /// either side, what follows is less than 3e-17.
 const SINE: [f64; 8] = reciprocals_of_factorials(3);
@@ -80,16 +102,6 @@ impl Four {
         Self([lane(0), lane(1), lane(2), lane(3)])
     }
 
-    /// Whether the two of each pair have the same signs.
-    #[inline(always)]
-    pub fn same_signs(pairs: [(Self, Self); 2]) -> bool {
-        let lane = |n: usize| {
-            let [a, b] = pairs.map(|(a, b)| a.0[n].to_bits() ^ b.0[n].to_bits());
-            a | b
-        };
-        (lane(0) | lane(1) | lane(2) | lane(3)) >> 63 == 0
-    }
-
     #[inline(always)]
     pub fn min(self, most: Self) -> Self {
         self.zip(most, |a, b| if a < b { a } else { b })
@@ -154,12 +166,18 @@ impl Four {
     }
 }
 
-/// The sum of `terms[n] square^(n + 1)`.
+/// The sum of `terms[n] square^(n + 1)`, in pairs, which do not wait for each other.
 #[inline(always)]
 fn series<const N: usize>(terms: &[f64; N], square: Four) -> Four {
-    let mut sum = Four::all(terms[N - 1]);
-    for term in terms[..N - 1].iter().rev() {
-        sum = sum * square + Four::all(*term);
+    let fourth = square * square;
+    let mut sum = Four::ZERO;
+    for pair in terms.chunks(2).rev() {
+        sum = sum * fourth
+            + match *pair {
+                [a, b] => Four::all(a) + square * b,
+                [a] => Four::all(a),
+                _ => Four::ZERO,
+            };
     }
     sum * square
 }

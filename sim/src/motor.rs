@@ -76,13 +76,18 @@ pub struct Motors {
     angle: Four,
 }
 
-/// How a step changes the motors: the current that is left of the one before, and what each volt of
-/// back-EMF takes and of supply adds, A/V; what each newton metre adds to the rate, rad/s.
+/// How a step changes the motors.
 struct Gains {
-    kept: Four,
-    per_emf: Four,
+    /// Parts of a current and of a rate that are left after it.
+    current_kept: Four,
+    rate_kept: f64,
+    /// What back-EMF takes for each rad/s, and what each volt of supply adds, A.
+    per_rate: Four,
     per_volt: Four,
-    per_torque: f64,
+    /// What each ampere adds, what pushes from outside add, and what dry friction can take, rad/s.
+    per_ampere: f64,
+    pushed: Four,
+    held: Four,
 }
 
 impl Motors {
@@ -132,23 +137,23 @@ impl Motors {
 
     #[inline(always)]
     fn run_each(&mut self, drives: &[Bridge; 4], steps: u64, dt: f64) {
-        let gains = self.gains(dt, drives);
         let mut left = steps;
         while left > 0 && !self.are_brakes_steady(drives) {
-            self.move_brakes(dt, drives);
-            self.advance(&gains, self.supply, dt);
+            self.step_on(self.supply, dt, drives);
             left -= 1;
         }
         // From now on the brakes stay as they are.
         if left > 0 {
             self.reported = [0.0; 4];
         }
+        let gains = self.gains(dt, drives);
         for _ in 0..left {
             self.advance(&gains, self.supply, dt);
         }
     }
 
     /// Advances by `dt` (s) under constant drive from a supply of so many volts.
+    #[inline(never)]
     pub fn step_on(&mut self, supply: f64, dt: f64, drives: &[Bridge; 4]) {
         self.move_brakes(dt, drives);
         self.advance(&self.gains(dt, drives), supply, dt);
@@ -160,38 +165,33 @@ impl Motors {
         let [a, b, c, d] = drives;
         let conducts = Four([a, b, c, d].map(|drive| f64::from(drive.enabled)));
         let duty = Four([a, b, c, d].map(|drive| drive.duty.clamp(-1.0, 1.0)));
-        let impedance = self.inductance + dt * self.resistance;
-        let per_emf = dt / impedance;
+        let holds = Four(self.holds.map(f64::from));
+        let brakes = holds.where_positive(Four::all(self.brake.torque), Four::ZERO);
+        let per_impedance = 1.0 / (self.inductance + dt * self.resistance);
+        let per_volt = dt * per_impedance;
+        let per_torque = dt / self.inertia;
         let where_on = |gain: Four| conducts.where_positive(gain, Four::ZERO);
         Gains {
-            kept: where_on(Four::all(self.inductance / impedance)),
-            per_emf: where_on(Four::all(per_emf)),
-            per_volt: where_on(duty * per_emf),
-            per_torque: dt / self.inertia,
+            current_kept: where_on(Four::all(self.inductance * per_impedance)),
+            rate_kept: 1.0 - self.viscous * per_torque,
+            per_rate: where_on(Four::all(per_volt * self.constant)),
+            per_volt: where_on(duty * per_volt),
+            per_ampere: self.constant * per_torque,
+            pushed: (self.push + self.floor) * per_torque,
+            held: (Four::all(self.friction) + self.drag + brakes) * per_torque,
         }
     }
 
+    /// The sums are in the order in which their parts are known.
     #[inline(always)]
     fn advance(&mut self, gains: &Gains, supply: f64, dt: f64) {
-        self.current = self.current_at_0_v(gains) + gains.per_volt * supply;
-        let torque = self.current * self.constant - self.rate * self.viscous;
-        let torque = torque + self.push + self.floor;
-        let free = self.rate + torque * gains.per_torque;
-        let brakes = Four(
-            self.holds
-                .map(|holds| if holds { self.brake.torque } else { 0.0 }),
-        );
-        let held = (Four::all(self.friction) + self.drag + brakes) * gains.per_torque;
-        let backward = (-held - free).where_positive(free + held, Four::ZERO);
-        let rate = (free - held).where_positive(free - held, backward);
+        let driven = gains.current_kept * self.current + gains.per_volt * supply;
+        self.current = driven - gains.per_rate * self.rate;
+        let pushed = self.rate * gains.rate_kept + gains.pushed;
+        let free = pushed + self.current * gains.per_ampere;
+        let rate = free - free.min(gains.held).max(-gains.held);
         self.angle = self.angle + (self.rate + rate) * (dt * 0.5);
         self.rate = rate;
-    }
-
-    /// The currents at the end of a step without supply, A.
-    #[inline(always)]
-    fn current_at_0_v(&self, gains: &Gains) -> Four {
-        gains.kept * self.current - gains.per_emf * self.constant * self.rate
     }
 
     /// Whether the brakes are as they are commanded to be, as nearly always.
@@ -233,7 +233,8 @@ impl Motors {
     #[must_use]
     pub fn admittances(&self, dt: f64, drives: &[Bridge; 4]) -> ([f64; 4], [f64; 4]) {
         let gains = self.gains(dt, drives);
-        (self.current_at_0_v(&gains).0, gains.per_volt.0)
+        let at_0_v = gains.current_kept * self.current - gains.per_rate * self.rate;
+        (at_0_v.0, gains.per_volt.0)
     }
 
     /// Nominal supply voltage, V.

@@ -11,7 +11,7 @@ use kinematics::{Pose, Wheel};
 use super::wheel::{Push, Pushes, Stand, Wheels};
 use super::{Contact, GRAVITY, Part};
 use crate::error::SimError;
-use crate::four::Four;
+use crate::four::{Four, Signs};
 
 /// Most Newton steps, and most halvings of one.
 const STEPS: usize = 40;
@@ -154,7 +154,7 @@ impl Body {
             direction: (sin, cos),
             inertia: self.inertia.map(|m| m * per_dt),
             before,
-            derivatives: Derivatives::of(&self.pushes[..self.touches], before),
+            derivatives: Derivatives::of(&mut self.pushes[..self.touches], before),
             after: before,
         };
     }
@@ -179,13 +179,13 @@ impl Body {
             mut after,
             ..
         } = self.step;
-        let pushes = &self.pushes[..self.touches];
-        if !all_as_limited(pushes, before, after) {
+        let pushes = &mut self.pushes[..self.touches];
+        if !all_as_limited(pushes, after) {
             after = settle(pushes, inertia, before);
         }
         let mut pushes = pushes.iter();
         for wheels in &mut self.robots {
-            wheels.turn_rollers(&stands[wheels.robot], &mut pushes, after, dt);
+            wheels.turn_rollers(&stands[wheels.robot], &mut pushes, dt);
         }
         let [vx, vy, omega] = after;
         self.velocity = [cos * vx - sin * vy, sin * vx + cos * vy, omega];
@@ -244,14 +244,14 @@ fn share_load(robots: &mut [Wheels], weight: f64, friction: f64) -> Result<(), S
 
 /// The velocity at which momentum and friction agree; `inertia` is over the step's length.
 #[inline(always)]
-fn settle(pushes: &[Pushes], inertia: [f64; 3], before: [f64; 3]) -> [f64; 3] {
+fn settle(pushes: &mut [Pushes], inertia: [f64; 3], before: [f64; 3]) -> [f64; 3] {
     let mut v = before;
     let mut cost = None;
     for _ in 0..STEPS {
         let step = Derivatives::of(pushes, v).newton(inertia, before, v);
         let mut part = 1.0;
         let mut next = along(v, step, part);
-        if all_as_limited(pushes, v, next) {
+        if all_as_limited(pushes, next) {
             // All the way on one quadratic piece: this is its minimum.
             return next;
         }
@@ -267,16 +267,21 @@ fn settle(pushes: &[Pushes], inertia: [f64; 3], before: [f64; 3]) -> [f64; 3] {
         }
         (v, cost) = (next, Some(reached));
     }
+    Derivatives::of(pushes, v);
     v
 }
 
-/// Whether all contacts are [`Push::as_limited`].
+/// Whether all contacts are as limited at this velocity as at the one they were last looked at:
+/// friction is below its limit, or at the same of the two. It has been looked at this one then.
 #[inline(always)]
-fn all_as_limited(pushes: &[Pushes], a: [f64; 3], b: [f64; 3]) -> bool {
-    // Not `all`, which is not always inlined, and so made without vectors.
+fn all_as_limited(pushes: &mut [Pushes], v: [f64; 3]) -> bool {
     for pushes in pushes {
         let [along, across] = pushes.each();
-        if !along.as_limited(a, b) || !across.as_limited(a, b) {
+        let before = pushes.wanted;
+        pushes.wanted = [along.wanted(v), across.wanted(v)];
+        let changes = along.changes(before[0], pushes.wanted[0], Signs::EQUAL);
+        let changes = across.changes(before[1], pushes.wanted[1], changes);
+        if !changes.all_equal() {
             return false;
         }
     }
@@ -303,22 +308,16 @@ impl Push {
         self.row[0] * v[0] + self.row[1] * v[1] + self.row[2] * v[2] - self.rest
     }
 
-    /// What the body pushes the floor with, N.
     #[inline(always)]
-    pub fn force(&self, v: [f64; 3]) -> Four {
-        self.held(self.wanted(v))
-    }
-
-    #[inline(always)]
-    fn held(&self, wanted: Four) -> Four {
+    pub fn held(&self, wanted: Four) -> Four {
         wanted.max(-self.limit).min(self.limit)
     }
 
-    /// Whether friction is below its limit, or at which of the two it is, alike at two velocities.
+    /// And in which wheels one of these forces is limited otherwise than the other.
     #[inline(always)]
-    fn as_limited(&self, a: [f64; 3], b: [f64; 3]) -> bool {
-        let (a, b, limit) = (self.wanted(a), self.wanted(b), self.limit);
-        Four::same_signs([(limit - a, limit - b), (limit + a, limit + b)])
+    fn changes(&self, a: Four, b: Four, changes: Signs) -> Signs {
+        let limit = self.limit;
+        changes.or(limit - a, limit - b).or(limit + a, limit + b)
     }
 }
 
@@ -360,29 +359,44 @@ impl Derivatives {
     };
 
     #[inline(always)]
-    fn of(pushes: &[Pushes], v: [f64; 3]) -> Self {
+    fn of(pushes: &mut [Pushes], v: [f64; 3]) -> Self {
         let mut sums = Self::NONE;
         for pushes in pushes {
-            let [along, across] = pushes.each();
-            sums.add(&along, v);
-            sums.add(&across, v);
+            sums.add(pushes, v);
         }
         sums
     }
 
+    /// An axle's direction has length 1, so its second part's square follows from the first's.
     #[inline(always)]
-    fn add(&mut self, push: &Push, v: [f64; 3]) {
-        let force = push.wanted(v);
-        let held = push.held(force);
-        let stiffness = held.where_equal(force, push.stiffness);
-        let [x, y, turn] = push.row;
-        let [a, b, c] = [x * held, y * held, turn * held];
-        let (dx, dy, dturn) = (stiffness * x, stiffness * y, stiffness * turn);
-        let g = &mut self.gradient;
-        (g[0], g[1], g[2]) = (g[0] + a, g[1] + b, g[2] + c);
+    fn add(&mut self, pushes: &mut Pushes, v: [f64; 3]) {
+        let [along, across] = pushes.each();
+        pushes.wanted = [along.wanted(v), across.wanted(v)];
+        let along = self.push(&along, pushes.wanted[0]);
+        let across = self.push(&across, pushes.wanted[1]);
+        let ([x, y], [arm, lever]) = (pushes.axle, pushes.arms);
+        let more = (along - across) * x;
         let c = &mut self.curvature;
-        (c[0], c[1], c[2]) = (c[0] + dx * x, c[1] + dy * x, c[2] + dy * y);
-        (c[3], c[4], c[5]) = (c[3] + dturn * x, c[4] + dturn * y, c[5] + dturn * turn);
+        c[0] = c[0] + across + more * x;
+        c[2] = c[2] + along - more * x;
+        c[1] = c[1] + more * y;
+        let along = along * arm;
+        c[3] = c[3] + along * x;
+        c[4] = c[4] + along * y;
+        c[5] = c[5] + along * arm;
+        let across = across * lever;
+        c[3] = c[3] - across * y;
+        c[4] = c[4] + across * x;
+        c[5] = c[5] + across * lever;
+    }
+
+    #[inline(always)]
+    fn push(&mut self, push: &Push, wanted: Four) -> Four {
+        let held = push.held(wanted);
+        let [x, y, turn] = push.row;
+        let g = &mut self.gradient;
+        (g[0], g[1], g[2]) = (g[0] + x * held, g[1] + y * held, g[2] + turn * held);
+        held.where_equal(wanted, push.stiffness)
     }
 
     /// Newton's step from the velocity `v`.
@@ -404,18 +418,17 @@ impl Derivatives {
     }
 }
 
-/// Solves a symmetric positive definite system from what is on and below the diagonal, by
-/// Cholesky's method without square roots: `L D L^T`.
-fn solve(a: [[f64; 3]; 3], b: [f64; 3]) -> [f64; 3] {
-    let d0 = 1.0 / a[0][0];
-    let (l10, l20) = (a[1][0] * d0, a[2][0] * d0);
-    let d1 = 1.0 / (a[1][1] - l10 * a[1][0]);
-    let l21 = (a[2][1] - l20 * a[1][0]) * d1;
-    let d2 = 1.0 / (a[2][2] - l20 * a[2][0] - l21 * (a[2][1] - l20 * a[1][0]));
-    let y1 = b[1] - l10 * b[0];
-    let x2 = (b[2] - l20 * b[0] - l21 * y1) * d2;
-    let x1 = y1 * d1 - l21 * x2;
-    [b[0] * d0 - l10 * x1 - l20 * x2, x1, x2]
+/// Solves a symmetric positive definite system from what is on and below the diagonal, by Cramer's
+/// rule: its one division is the only one to wait for.
+fn solve([[a, ..], [b, c, _], [d, e, f]]: [[f64; 3]; 3], [x, y, z]: [f64; 3]) -> [f64; 3] {
+    let (aa, ab, ad) = (c * f - e * e, d * e - b * f, b * e - c * d);
+    let (bb, bd, dd) = (a * f - d * d, b * d - a * e, a * c - b * b);
+    let per_determinant = 1.0 / (a * aa + b * ab + d * ad);
+    [
+        (aa * x + ab * y + ad * z) * per_determinant,
+        (ab * x + bb * y + bd * z) * per_determinant,
+        (ad * x + bd * y + dd * z) * per_determinant,
+    ]
 }
 
 #[cfg(test)]
@@ -445,14 +458,15 @@ mod tests {
             rest: [only(1.0), Four::ZERO],
             limit: only(3.0),
             stiffness: [only(90.0), Four::ZERO],
+            ..Pushes::NONE
         };
-        let v = settle(&[push], [10.0, 10.0, 1.0], [0.0; 3]);
+        let v = settle(&mut [push], [10.0, 10.0, 1.0], [0.0; 3]);
         assert!((v[0] - 0.3).abs() < 1e-12, "{v:?}");
         let strong = Pushes {
             limit: only(1e3),
             ..push
         };
-        let v = settle(&[strong], [10.0, 10.0, 1.0], [0.0; 3]);
+        let v = settle(&mut [strong], [10.0, 10.0, 1.0], [0.0; 3]);
         assert!((v[0] - 0.9).abs() < 1e-12, "{v:?}");
     }
 }

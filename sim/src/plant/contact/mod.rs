@@ -58,7 +58,7 @@ const GRAVITY: f64 = 9.81;
 /// Bodies that take each part of a step together. Within a body one part waits for the other, but
 /// the processor computes several bodies at the same time; what more of them leave behind in one
 /// part would no longer be in its cache in the next.
-const AT_ONCE: usize = 4;
+const AT_ONCE: usize = 8;
 
 /// A robot as part of a body.
 #[derive(Debug, Clone, Copy)]
@@ -147,10 +147,10 @@ pub struct ContactPlant {
     /// Of every robot, and how it stood in the last step.
     undersides: Vec<Underside>,
     stands: Vec<Stand>,
-    /// The load with all robots, when they are connected.
-    joined: Option<Body>,
-    /// Every robot for itself: what it does when free, and what its wheels would do when not.
-    single: Vec<Body>,
+    /// When the robots are connected, first the load with all of them; then every robot for itself:
+    /// what it does when free, and what its wheels would do when not.
+    bodies: Vec<Body>,
+    rigid: bool,
     angles: Vec<[f64; 4]>,
     group: Pose<f64>,
     poses: Vec<Pose<f64>>,
@@ -206,8 +206,8 @@ impl ContactPlant {
             stands: stands.collect(),
             undersides,
             wheel_inertia: contact.wheel_inertia,
-            single: single.collect::<Result<_, _>>()?,
-            joined: joined.transpose()?,
+            rigid: joined.is_some(),
+            bodies: joined.into_iter().chain(single).collect::<Result<_, _>>()?,
             formation,
             angles: vec![[0.0; 4]; poses.len()],
             group: start,
@@ -220,22 +220,29 @@ impl ContactPlant {
     /// rad/s.
     #[must_use]
     pub fn velocity(&self, robot: usize) -> Option<[f64; 3]> {
-        self.joined
-            .as_ref()
-            .or(self.single.get(robot))
-            .map(Body::velocity)
+        self.body(robot).map(Body::velocity)
     }
 
     /// Pushes the body that carries a robot to a velocity, as [`velocity`](Self::velocity) gives
     /// it.
     pub fn set_velocity(&mut self, robot: usize, velocity: [f64; 3]) {
-        if let Some(body) = self.joined.as_mut().or(self.single.get_mut(robot)) {
+        let place = self.place_of_body(robot);
+        if let Some(body) = self.bodies.get_mut(place) {
             body.set_velocity(velocity);
         }
     }
 }
 
 impl ContactPlant {
+    /// Which body carries a robot.
+    fn place_of_body(&self, robot: usize) -> usize {
+        if self.rigid { 0 } else { robot }
+    }
+
+    fn body(&self, robot: usize) -> Option<&Body> {
+        self.bodies.get(self.place_of_body(robot))
+    }
+
     /// Lets the wheels turn and the bodies move, with vectors of four where the processor has them.
     /// The results are the same with and without: every operation is IEEE 754's.
     fn turn(&mut self, dt: f64, turned: &[[f64; 4]]) {
@@ -264,8 +271,7 @@ impl ContactPlant {
             *angles = (before + turned).0;
             *stand = underside.stand(before + turned * 0.5);
         }
-        let bodies = self.joined.as_mut_slice().chunks_mut(AT_ONCE);
-        for bodies in bodies.chain(self.single.chunks_mut(AT_ONCE)) {
+        for bodies in self.bodies.chunks_mut(AT_ONCE) {
             for body in &mut *bodies {
                 body.begin(dt, &self.stands, turned);
             }
@@ -288,11 +294,12 @@ impl Plant for ContactPlant {
         for _ in 0..count {
             self.turn(dt, turned);
         }
-        for (pose, body) in self.alone.iter_mut().zip(&self.single) {
+        let (load, single) = self.bodies.split_at(usize::from(self.rigid));
+        for (pose, body) in self.alone.iter_mut().zip(single) {
             *pose = body.pose();
         }
-        if let Some(body) = &self.joined {
-            self.group = body.frame();
+        if let [load] = load {
+            self.group = load.frame();
             for (pose, place) in self.poses.iter_mut().zip(self.formation.places(self.group)) {
                 *pose = place;
             }
@@ -320,8 +327,8 @@ impl Plant for ContactPlant {
     }
 
     fn floor_torques(&self, robot: usize) -> [f64; 4] {
-        let body = self.joined.as_ref().or(self.single.get(robot));
-        body.map_or([0.0; 4], |body| body.floor_torques(robot))
+        self.body(robot)
+            .map_or([0.0; 4], |body| body.floor_torques(robot))
     }
 
     fn shape_error_mm(&self) -> f64 {
@@ -372,8 +379,7 @@ mod tests {
             plant.turn(1e-3, &turned);
             plain.turn_wheels(1e-3, &turned);
         }
-        let all = plant.joined.iter().chain(&plant.single);
-        for (body, plain) in all.zip(plain.joined.iter().chain(&plain.single)) {
+        for (body, plain) in plant.bodies.iter().zip(&plain.bodies) {
             let bits = |body: &Body| body.velocity().map(f64::to_bits);
             assert_eq!(bits(body), bits(plain));
             assert!(body.velocity()[0].abs() > 0.1, "{:?}", body.velocity());

@@ -213,7 +213,7 @@ impl Rollers {
         let gives = resists.where_positive(Four::ONE / resists, Four::ZERO);
         turning.free = turning.rate * self.inertia * gives;
         turning.gain = lever * gives;
-        let resistance = stiffness / (Four::ONE + stiffness * over * gives);
+        let resistance = stiffness * resists / (resists + stiffness * over);
         (
             turning.free * grip.radius,
             resists.where_positive(resistance, Four::ZERO),

@@ -84,6 +84,8 @@ pub(super) struct Pushes {
     pub limit: Four,
     /// Force over slip velocity below the limit, N s/m.
     pub stiffness: [Four; 2],
+    /// The forces without limit at the last velocity that was looked at, N.
+    pub wanted: [Four; 2],
 }
 
 /// One direction of [`Pushes`].
@@ -202,17 +204,17 @@ impl Wheels {
     ) {
         self.rollers.stand_on(stand.down, self.drag);
         if let Some(pushes) = pushes.next() {
-            *pushes = self.pushes(0, &stand.first, rates, dt);
+            self.push(0, &stand.first, rates, dt, pushes);
         }
         if let Some(other) = &stand.other
             && let Some(pushes) = pushes.next()
         {
-            *pushes = self.pushes(1, other, rates, dt);
+            self.push(1, other, rates, dt, pushes);
         }
     }
 
     #[inline(always)]
-    fn pushes(&mut self, which: usize, touch: &Touch, rates: Four, dt: f64) -> Pushes {
+    fn push(&mut self, which: usize, touch: &Touch, rates: Four, dt: f64, pushes: &mut Pushes) {
         let Touch {
             grip, ahead, left, ..
         } = *touch;
@@ -226,16 +228,14 @@ impl Wheels {
         let dx = ahead * self.cos - left * self.sin;
         let dy = ahead * self.sin + left * self.cos;
         let levers = self.levers(touch);
-        Pushes {
-            axle: [dx, dy],
-            arms: [x * dy - y * dx, x * dx + y * dy],
-            rest: [rates * levers[0], rates * levers[1] + rest],
-            limit,
-            stiffness: [
-                self.giving(creeping, levers[0], grip.share, dt),
-                self.giving(resistance, levers[1], grip.share, dt),
-            ],
-        }
+        pushes.axle = [dx, dy];
+        pushes.arms = [x * dy - y * dx, x * dx + y * dy];
+        pushes.rest = [rates * levers[0], rates * levers[1] + rest];
+        pushes.limit = limit;
+        pushes.stiffness = [
+            self.giving(creeping, levers[0], grip.share, dt),
+            self.giving(resistance, levers[1], grip.share, dt),
+        ];
     }
 
     /// Over what levers a force along an axle and one across it turn the wheel, m.
@@ -263,29 +263,28 @@ impl Wheels {
         &mut self,
         stand: &Stand,
         pushes: &mut impl Iterator<Item = &'a Pushes>,
-        velocity: [f64; 3],
         dt: f64,
     ) {
         self.torques = Four::ZERO;
         if let Some(pushes) = pushes.next() {
-            self.turn_each(0, &stand.first, pushes, velocity);
+            self.turn_each(0, &stand.first, pushes);
         }
         if let Some(other) = &stand.other
             && let Some(pushes) = pushes.next()
         {
-            self.turn_each(1, other, pushes, velocity);
+            self.turn_each(1, other, pushes);
         }
         self.rollers.pass(dt);
     }
 
     #[inline(always)]
-    fn turn_each(&mut self, which: usize, touch: &Touch, pushes: &Pushes, velocity: [f64; 3]) {
+    fn turn_each(&mut self, which: usize, touch: &Touch, pushes: &Pushes) {
         let [along, across] = pushes.each();
-        let force = across.force(velocity);
+        let force = across.held(pushes.wanted[1]);
         self.rollers.turn(which, force);
         if self.inertia.is_some() {
             let [ahead, left] = self.levers(touch);
-            self.torques = self.torques + (ahead * along.force(velocity) + left * force);
+            self.torques = self.torques + (ahead * along.held(pushes.wanted[0]) + left * force);
         }
     }
 }
@@ -297,6 +296,7 @@ impl Pushes {
         rest: [Four::ZERO; 2],
         limit: Four::ZERO,
         stiffness: [Four::ZERO; 2],
+        wanted: [Four::ZERO; 2],
     };
 
     /// Along the axle, and across.
