@@ -184,6 +184,34 @@ fn the_log_is_on_the_terminal_and_a_signal_ends_it() {
     assert!(good, "{output}");
 }
 
+/// The robot boots, then time stands until a client waits for it.
+#[test]
+fn time_waits_for_a_lockstep_client() {
+    let mut emulated = Emulated::new(&["--lockstep", "127.0.0.1:0", "--speed", "max"]);
+    let announced = emulated.line();
+    let address = announced.trim_end().strip_prefix("lockstep ").unwrap();
+    let mut client = TcpStream::connect(address).unwrap();
+    let mut answers = BufReader::new(client.try_clone().unwrap());
+    let mut answer = || {
+        let mut line = String::new();
+        answers.read_line(&mut line).unwrap();
+        line
+    };
+    assert_eq!(answer(), "omnibus-lockstep 1\n");
+    assert_eq!(answer(), "n100000\n");
+    std::thread::sleep(Duration::from_millis(300));
+    client.write_all(b"w150000\n").unwrap();
+    // Frames of the robot may come first, the robot's heartbeat among them.
+    let time = loop {
+        let line = answer();
+        if let Some(time) = line.strip_prefix('n') {
+            break time.trim_end().parse::<u64>().unwrap();
+        }
+        assert!(line.starts_with('f'), "{line}");
+    };
+    assert!((100_001..=150_000).contains(&time), "{time}");
+}
+
 /// A trace begins at once, and what a signal ends is complete: time stamps up to the end, and
 /// Embassy's tasks by their names.
 #[test]
@@ -324,8 +352,13 @@ fn what_cannot_be_meant_is_refused() {
     );
     refused(&["emulate", &elf, "--duration", "0"], "--duration");
     refused(&["emulate", &elf, "--gdb", "none:0"], "--gdb none:0");
-    // Neither the image nor another output is written to.
     let short = ["emulate", &elf, "--duration", "0.01"];
+    for node in ["3", ""] {
+        let at = format!("127.0.0.1:0@{node}");
+        let word = format!("--lockstep @{node}: no robot of the group has this node");
+        refused(&[&short[..], &["--lockstep", &at]].concat(), &word);
+    }
+    // Neither the image nor another output is written to.
     refused(
         &[&short[..], &["--trace", &elf]].concat(),
         "this is the image",

@@ -6,7 +6,9 @@ use std::fs::File;
 use std::io::BufWriter;
 
 use crate::output::print_line;
+use crate::serve::HELD;
 use anyhow::Context as _;
+use canopen::Micros;
 use emulator::waveform::{Signals, Waveform};
 use emulator::{Board, Port};
 use omnibus_sim::World;
@@ -54,7 +56,7 @@ impl Bench {
             .with_context(|| format!("node {node} is not an emulated robot"))
     }
 
-    /// Lets time pass.
+    /// Lets time pass, as far as no endpoint holds it. One that does is waited for a moment.
     pub fn advance(&mut self, ns: u64) -> anyhow::Result<()> {
         if self.world.now_ns() >= self.served_ns {
             self.served_ns = self.world.now_ns() + ENDPOINTS_NS;
@@ -64,8 +66,21 @@ impl Bench {
                     .with_context(|| format!("{} is lost", endpoint.announce()))?;
             }
         }
-        let until_us = self.world.now_ns().saturating_add(ns).div_ceil(1_000);
-        let result = self.world.run_until(canopen::Micros(until_us));
+        let now = self.world.now();
+        let mut until = Micros(self.world.now_ns().saturating_add(ns).div_ceil(1_000));
+        for endpoint in &self.endpoints {
+            let Some(limit) = endpoint.limit(now) else {
+                continue;
+            };
+            if limit <= now {
+                endpoint.wait(HELD);
+                self.served_ns = 0;
+                return Ok(());
+            }
+            until = until.min(limit);
+            self.served_ns = self.served_ns.min(limit.0.saturating_mul(1_000));
+        }
+        let result = self.world.run_until(until);
         for (_, line) in self.world.take_logs() {
             let seconds = line.time_us as f64 * 1e-6;
             print_line(format_args!(

@@ -17,7 +17,7 @@ use crate::endpoints::Endpoints;
 use crate::gdb;
 use crate::output::{create, print_line};
 use crate::robots::firmware;
-use crate::serve::Speed;
+use crate::serve::{LAG, Speed};
 
 /// The robot that is emulated where no group file says otherwise.
 const SINGLE: &str = include_str!("../../../../groups/single.toml");
@@ -85,6 +85,7 @@ pub fn emulate(arguments: &Emulate) -> anyhow::Result<()> {
     };
     let mut world = World::new(&group, Backend::Emulator(firmware), options)?;
     world.set_listening(MASTER, false);
+    world.set_adapter(arguments.endpoints.adapter(&group)?);
     let endpoints = arguments.endpoints.open(&group)?;
     let debugger = arguments.gdb.as_deref().map(gdb::listen).transpose()?;
     // The files last: a command that is refused replaces none.
@@ -119,15 +120,18 @@ pub fn emulate(arguments: &Emulate) -> anyhow::Result<()> {
 
 fn run(bench: &mut Bench, speed: Speed, until_ns: u64, stop: &AtomicBool) -> anyhow::Result<()> {
     print_line(format_args!("node {}", bench.node))?;
-    let began = Instant::now();
+    let mut began = Instant::now();
     while bench.world.now_ns() < until_ns && !stop.load(Ordering::Relaxed) {
         let left = until_ns - bench.world.now_ns();
         bench.advance(left.min(SLICE_NS))?;
         let due = Duration::from_nanos(bench.world.now_ns());
-        if speed == Speed::Real
-            && let Some(early) = due.checked_sub(began.elapsed())
-        {
-            std::thread::sleep(early);
+        if speed == Speed::Real {
+            let passed = began.elapsed();
+            std::thread::sleep(due.saturating_sub(passed));
+            let late = passed.saturating_sub(due);
+            if late > LAG {
+                began += late;
+            }
         }
     }
     Ok(())

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, bail};
 use clap::Args;
+use clap::builder::NonEmptyStringValueParser;
 use group::GroupFile;
 use omnibus_sim::endpoint::Endpoint;
 use omnibus_sim::endpoint::gyro::GyroServer;
@@ -35,7 +36,7 @@ pub struct Endpoints {
     #[arg(long, value_name = "PATH[@NODE]")]
     cable: Vec<String>,
     /// Connects the bus to this CAN interface (Linux), for example vcan0.
-    #[arg(long, value_name = "IFACE")]
+    #[arg(long, value_name = "IFACE", value_parser = NonEmptyStringValueParser::new())]
     socketcan: Option<String>,
     /// Plays a candump log onto the bus, beginning at time 0.
     #[arg(long, value_name = "FILE")]

@@ -23,7 +23,7 @@ use crate::robots::Robots;
 /// Virtual time between two looks at the endpoints.
 const SLICE: Micros = Micros(500);
 /// Further behind the clock on the wall than this, the world gives up catching up.
-const LAG: Duration = Duration::from_millis(200);
+pub const LAG: Duration = Duration::from_millis(200);
 /// Further behind than this, robots and master may miss each other's frames: it is said.
 const LATE: Duration = Duration::from_millis(10);
 /// Further behind than this, frames have come together that were sent apart.
@@ -31,7 +31,7 @@ const BUNCHED: Duration = Duration::from_millis(2);
 /// How often it is said at most.
 const REPORT_EVERY: Duration = Duration::from_secs(1);
 /// While an endpoint holds the time, how often the others are asked.
-const HELD: Duration = Duration::from_millis(1);
+pub const HELD: Duration = Duration::from_millis(1);
 
 /// Options of `omnibus-sim serve`.
 #[derive(Args)]
@@ -105,9 +105,6 @@ pub fn serve(arguments: &Serve) -> anyhow::Result<()> {
     }
     let mut faults = Faults::new(&group, has_processor, &arguments.fault)?;
     let mut world = World::new(&group, backend, options)?;
-    let stop = Arc::new(AtomicBool::new(false));
-    let seen = Arc::clone(&stop);
-    ctrlc::set_handler(move || seen.store(true, Ordering::Relaxed))?;
     // The master's own port is not used here.
     world.set_listening(MASTER, false);
     world.set_adapter(arguments.endpoints.adapter(&group)?);
@@ -125,6 +122,10 @@ pub fn serve(arguments: &Serve) -> anyhow::Result<()> {
     if let [Some(file)] = create([("--log", arguments.log.as_deref())], used)? {
         world.log_candump(Box::new(BufWriter::new(file)));
     }
+    // A signal ends at once what waits for files and programs up to here.
+    let stop = Arc::new(AtomicBool::new(false));
+    let seen = Arc::clone(&stop);
+    ctrlc::set_handler(move || seen.store(true, Ordering::Relaxed))?;
     for endpoint in &endpoints {
         print_line(endpoint.announce())?;
     }
