@@ -123,6 +123,15 @@ fn what_cannot_be_meant_names_the_part_and_the_remedy() {
             "wheel-drag: -1 is not a value",
         ),
         (
+            "node=2:encoder-noise=1e300:wheel=rear-left",
+            "encoder-noise: 1e300 is not a value; write encoder-noise=VALUE, pulses per second, 0 \
+             to 1e7",
+        ),
+        (
+            "node=2:wheel-push=-1.1e7:wheel=rear-left",
+            "wheel-push: 1.1e7 is not a value",
+        ),
+        (
             "node=2:halt",
             "halt: native robots have no processor; serve with --backend emulator",
         ),

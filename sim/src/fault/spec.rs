@@ -24,6 +24,8 @@ use crate::world::{Cable, EncoderState};
 
 /// Longest time that can be asked for, s: a day.
 const LONGEST_S: f64 = 86_400.0;
+/// No quantity of a fault is larger: of pulses in a second as many would fill most of it.
+const MOST: f64 = 1e7;
 /// Highest identifier of a base frame.
 const LAST_IDENTIFIER: u16 = 0x7FF;
 /// Default identifier of a babbling node: only NMT has priority over it.
@@ -400,9 +402,9 @@ fn seconds(part: &str, text: &str) -> Checked<u64> {
 }
 
 fn number(name: &str, value: Option<&str>, what: &str) -> Checked<f64> {
-    let remedy = format!("write {name}=VALUE, {what}, 0 or more");
+    let remedy = format!("write {name}=VALUE, {what}, 0 to {MOST:e}");
     match value.map(str::parse::<f64>) {
-        Some(Ok(number)) if number.is_finite() && number >= 0.0 => Ok(number),
+        Some(Ok(number)) if (0.0..=MOST).contains(&number) => Ok(number),
         Some(_) => refuse(
             name,
             format!("{} is not a value", value.unwrap_or("")),
