@@ -18,7 +18,8 @@
 //!
 //! In time: 28 ms at 4 rad/s, 40 ms at 2 rad/s, 167 ms at 0.33 rad/s. *Next to nothing* is the net
 //! of four counts and twenty a second, which an open input beside motor leads may collect; so few
-//! counts do not clear an encoder.
+//! counts do not clear an encoder. Nor do counts by chance, which come when one of two channels is
+//! open and follows its neighbour: they go back and forth, and little is left of them.
 //!
 //! # Limits
 //!
@@ -47,6 +48,10 @@ const STRAY_COUNTS: Duration = Duration::new(4.0);
 /// and a second.
 pub(crate) const STRAY_COUNTS_PER_SECOND: f32 = 20.0;
 const STRAY: Duration = Duration::new(STRAY_COUNTS_PER_SECOND);
+
+/// Counts are by chance when they have changed their direction so often, and their net is less than
+/// half of their sum without signs.
+const CHANCE: u8 = 6;
 
 /// A wheel that is expected to be slower counts as at rest, rad/s.
 const STANDS: Rate = Rate::new(0.02);
@@ -79,6 +84,10 @@ pub(crate) struct Silence {
     /// Net of the counts since the suspicion, rad, and how long that is, s.
     counted: Angle,
     lasted: Duration,
+    /// Their sum without signs, rad; whether it counted ahead last, and how often that has changed.
+    back_and_forth: Angle,
+    ahead: bool,
+    changes: u8,
     /// Latched until [`Silence::reset`].
     dead: bool,
 }
@@ -102,6 +111,9 @@ impl Silence {
             missed_implied: Angle::ZERO,
             counted: Angle::ZERO,
             lasted: Duration::ZERO,
+            back_and_forth: Angle::ZERO,
+            ahead: true,
+            changes: 0,
             dead: false,
         }
     }
@@ -144,6 +156,7 @@ impl Silence {
                 // against the reference come from a live encoder.
                 self.counted = -half.of(twice).not_below_zero();
                 self.lasted = Duration::ZERO;
+                (self.back_and_forth, self.changes) = (Angle::ZERO, 0);
             }
             return self.suspect(rate_ref.abs(), half.of(twice), dt);
         }
@@ -162,6 +175,11 @@ impl Silence {
         }
         self.counted += counted;
         self.lasted += dt.to();
+        self.back_and_forth += counted.abs();
+        if self.ahead && counted < Angle::ZERO || !self.ahead && counted > Angle::ZERO {
+            self.ahead = !self.ahead;
+            self.changes = self.changes.saturating_add(1);
+        }
         let missed = self.missed_asked.min(self.missed_implied);
         let half = asked.half();
         if missed <= self.suspected_angle + half.times(SUSPECTED_TIME) {
@@ -169,7 +187,9 @@ impl Silence {
         }
         // In counts.
         let stray = STRAY_COUNTS + self.lasted.times(STRAY);
-        if self.counted.abs() > self.step.times(stray) {
+        let net = self.counted.abs();
+        let by_chance = self.changes >= CHANCE && net + net < self.back_and_forth;
+        if net > self.step.times(stray) && !by_chance {
             // The encoder is alive but the wheel does not follow: this is not a fault of the
             // encoder.
             return Trust::Full;
@@ -263,6 +283,37 @@ mod tests {
                 );
             }
         }
+    }
+
+    /// Forward or back by the bits of a number, at every edge of one channel.
+    #[test]
+    fn counts_by_chance_acquit_nobody() {
+        for rate in [0.66, 1.97, 3.94] {
+            for seed in [0xB7E1_5162, 0x9E37_79B9, 0x6A09_E667_u32] {
+                let by_chance = |ms: u32| {
+                    let forward = seed.rotate_left(ms * 7 % 31) & 1 == 1;
+                    let sign = if forward { 1.0 } else { -1.0 };
+                    sign * counts(rate / 2.0, ms)
+                };
+                let quiet = dead_after(rate, |_| 0.0).unwrap();
+                let noisy = dead_after(rate, by_chance).unwrap();
+                assert!(noisy <= 2 * quiet, "{noisy} ms, {quiet} without");
+            }
+        }
+    }
+
+    /// A quarter of what is asked, with a count back and one forward again in every third tick.
+    #[test]
+    fn a_wheel_that_rattles_and_turns_is_not_silent() {
+        let rattles = |ms: u32| match ms % 3 {
+            0 => -STEP,
+            1 => STEP,
+            _ => 0.0,
+        };
+        assert_eq!(
+            dead_after(3.94, |ms| counts(3.94 / 4.0, ms) + rattles(ms)),
+            None
+        );
     }
 
     #[test]

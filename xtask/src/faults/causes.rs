@@ -255,6 +255,14 @@ pub const CASES: &[Case] = &[
         master.world.set_encoder(WATCHED, WHEEL, EncoderState::Dead);
     })
     .of_bridges(),
+    Case {
+        alone: true,
+        ..now(11, "channel B open", |master| {
+            let open = EncoderState::Floats;
+            master.world.set_encoder(WATCHED, WHEEL, open);
+        })
+        .of_bridges()
+    },
     // The same with so many stray counts a second, and slowly: what the page's text promises.
     Case {
         alone: true,
