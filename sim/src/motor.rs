@@ -79,8 +79,8 @@ pub struct Motors {
 /// How a step changes the motors.
 struct Gains {
     /// Parts of a current and of a rate that are left after it.
-    current_kept: Four,
-    rate_kept: f64,
+    current_left: Four,
+    rate_left: f64,
     /// What back-EMF takes for each rad/s, and what each volt of supply adds, A.
     per_rate: Four,
     per_volt: Four,
@@ -172,8 +172,8 @@ impl Motors {
         let per_torque = dt / self.inertia;
         let where_on = |gain: Four| conducts.where_positive(gain, Four::ZERO);
         Gains {
-            current_kept: where_on(Four::all(self.inductance * per_impedance)),
-            rate_kept: 1.0 - self.viscous * per_torque,
+            current_left: where_on(Four::all(self.inductance * per_impedance)),
+            rate_left: 1.0 - self.viscous * per_torque,
             per_rate: where_on(Four::all(per_volt * self.constant)),
             per_volt: where_on(duty * per_volt),
             per_ampere: self.constant * per_torque,
@@ -185,9 +185,9 @@ impl Motors {
     /// The sums are in the order in which their parts are known.
     #[inline(always)]
     fn advance(&mut self, gains: &Gains, supply: f64, dt: f64) {
-        let driven = gains.current_kept * self.current + gains.per_volt * supply;
+        let driven = gains.current_left * self.current + gains.per_volt * supply;
         self.current = driven - gains.per_rate * self.rate;
-        let pushed = self.rate * gains.rate_kept + gains.pushed;
+        let pushed = self.rate * gains.rate_left + gains.pushed;
         let free = pushed + self.current * gains.per_ampere;
         let rate = free - free.min(gains.held).max(-gains.held);
         self.angle = self.angle + (self.rate + rate) * (dt * 0.5);
@@ -233,7 +233,7 @@ impl Motors {
     #[must_use]
     pub fn admittances(&self, dt: f64, drives: &[Bridge; 4]) -> ([f64; 4], [f64; 4]) {
         let gains = self.gains(dt, drives);
-        let at_0_v = gains.current_kept * self.current - gains.per_rate * self.rate;
+        let at_0_v = gains.current_left * self.current - gains.per_rate * self.rate;
         (at_0_v.0, gains.per_volt.0)
     }
 
