@@ -81,16 +81,14 @@ pub struct Arguments {
 
 impl Arguments {
     fn configuration(&self, group: &group::GroupFile) -> anyhow::Result<Configuration> {
+        let picture = self.visualization_interval;
+        // In whole milliseconds, of which 0 means none.
+        let shortest = if picture == 0.0 { 0.0 } else { 0.001 };
         for (option, value, low, high) in [
             ("--tolerance", self.tolerance, 0.001, 10.0),
             ("--height", self.height, 0.0, 100.0),
             ("--state-interval", self.state_interval, 0.1, 30.0),
-            (
-                "--visualization-interval",
-                self.visualization_interval,
-                0.0,
-                60.0,
-            ),
+            ("--visualization-interval", picture, shortest, 60.0),
         ] {
             if !(low..=high).contains(&value) {
                 usage!("{option}: {value} is not between {low} and {high}");
@@ -116,7 +114,7 @@ impl Arguments {
             height: self.height,
             tolerance: self.tolerance,
             state_interval_ms: ms(self.state_interval),
-            visualization_interval_ms: ms(self.visualization_interval),
+            visualization_interval_ms: ms(picture),
         })
     }
 
@@ -208,4 +206,36 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         VehicleError::Drive(error) => anyhow!(error),
         other @ VehicleError::Broker(_) => anyhow!(other),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser as _;
+
+    use super::*;
+
+    #[derive(clap::Parser)]
+    struct Command {
+        #[command(flatten)]
+        arguments: Arguments,
+    }
+
+    #[test]
+    fn an_interval_that_would_be_rounded_to_none_is_refused() {
+        let group = group::GroupFile::load("../groups/tcc-2.toml").unwrap();
+        let milliseconds = |interval: &str| {
+            let interval = format!("--visualization-interval={interval}");
+            let rest = ["--broker=mqtt://127.0.0.1", "--bus=sim:tcc-2.toml"];
+            let words = ["vda5050", rest[0], rest[1], &interval];
+            let arguments = Command::try_parse_from(words).unwrap().arguments;
+            let configuration = arguments.configuration(&group);
+            configuration.map(|it| it.visualization_interval_ms)
+        };
+        assert_eq!(milliseconds("0").unwrap(), 0);
+        assert_eq!(milliseconds("0.001").unwrap(), 1);
+        assert_eq!(
+            milliseconds("0.0004").unwrap_err().to_string(),
+            "--visualization-interval: 0.0004 is not between 0.001 and 60"
+        );
+    }
 }

@@ -5,6 +5,8 @@
 //! what a broker kept from an earlier day must not move anything. The last will says
 //! CONNECTIONBROKEN.
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -109,6 +111,8 @@ pub struct Broker {
     client: Client,
     identity: Identity,
     inputs: Receiver<Input>,
+    /// Whether there has ever been a connection.
+    reached: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -164,11 +168,14 @@ impl Broker {
         let (client, connection) = Client::new(options, HELD);
         let (sink, inputs) = channel();
         let (own, whose) = (client.clone(), identity.clone());
-        let thread = std::thread::spawn(move || listen(connection, &own, &whose, &sink));
+        let reached = Arc::<AtomicBool>::default();
+        let seen = Arc::clone(&reached);
+        let thread = std::thread::spawn(move || listen(connection, &own, &whose, &sink, &seen));
         Ok(Self {
             client,
             identity: identity.clone(),
             inputs,
+            reached,
             thread: Some(thread),
         })
     }
@@ -196,8 +203,11 @@ impl Broker {
             .try_publish(topic, quality, retained, sent.message.to_string());
     }
 
-    /// Says that this is the end, and closes the connection.
+    /// Says that this is the end, and closes the connection, if there ever was one.
     pub fn close(mut self, last: &Outgoing) {
+        if !self.reached.load(Ordering::Relaxed) {
+            return;
+        }
         self.send(last);
         let _ = self.client.try_disconnect();
         let began = Instant::now();
@@ -210,7 +220,13 @@ impl Broker {
 }
 
 /// Reads until the client disconnects on purpose or its channel has closed.
-fn listen(mut connection: Connection, client: &Client, identity: &Identity, sink: &Sender<Input>) {
+fn listen(
+    mut connection: Connection,
+    client: &Client,
+    identity: &Identity,
+    sink: &Sender<Input>,
+    reached: &AtomicBool,
+) {
     let topics =
         [Topic::Order, Topic::InstantActions].map(|topic| (topic, identity.topic(topic.name())));
     let mut reported = None;
@@ -218,6 +234,7 @@ fn listen(mut connection: Connection, client: &Client, identity: &Identity, sink
         let sent = match event {
             Ok(Event::Incoming(Packet::ConnAck(_))) => {
                 reported = None;
+                reached.store(true, Ordering::Relaxed);
                 for (_, topic) in &topics {
                     let _ = client.try_subscribe(topic, QoS::AtLeastOnce);
                 }
@@ -274,6 +291,7 @@ mod tests {
             client,
             identity: identity(),
             inputs,
+            reached: Arc::default(),
             thread: Some(std::thread::spawn(move || read(sink))),
         }
     }
@@ -303,6 +321,24 @@ mod tests {
             refused.starts_with("--ca: ") && refused.contains("mqtts://"),
             "{refused}"
         );
+    }
+
+    #[test]
+    fn the_end_does_not_wait_for_a_broker_that_was_never_there() {
+        let access = Access {
+            address: "mqtt://127.0.0.1:1".parse().unwrap(),
+            authority: None,
+            user: None,
+        };
+        let identity = identity();
+        let broker = Broker::connect(&access, &identity).unwrap();
+        let last = Outgoing {
+            topic: Topic::Connection,
+            message: identity.connection(1, 0, Presence::Offline),
+        };
+        let began = Instant::now();
+        broker.close(&last);
+        assert!(began.elapsed() < PATIENCE / 2, "{:?}", began.elapsed());
     }
 
     #[test]
