@@ -173,6 +173,26 @@ fn a_robot_that_was_missing_is_configured_again() {
 }
 
 /// The file is in no robot's flash when a member restarts between the configuration and the start.
+/// What was written before is gone: that is neither another master's doing nor the file's.
+#[test]
+fn a_restart_while_the_file_is_written_is_named() {
+    let file = file();
+    for after in [20, 40] {
+        let mut requests = 0;
+        let cycled = Cycled::new(&file, move |frame| {
+            requests += u32::from(frame.id() == cob::sdo_request(NODE));
+            requests == after
+        });
+        let mut group = Group::connect(cycled, &file).unwrap();
+        let error = group.configure(true).unwrap_err();
+        assert_eq!(
+            error,
+            MasterError::MemberRestarted { node: NODE },
+            "{after}"
+        );
+    }
+}
+
 #[test]
 fn a_robot_that_restarts_while_the_group_starts_ends_the_start() {
     let file = file();

@@ -50,7 +50,8 @@ impl<L: Link> Group<L> {
     ///
     /// # Errors
     /// When a robot refuses a value, a value reads back differently, or a robot finds its
-    /// configuration incomplete; the error names node and object. Nothing moves.
+    /// configuration incomplete; the error names node and object. When that robot has restarted
+    /// meanwhile, it says so: what was written before is gone then. Nothing moves.
     pub fn configure(&mut self, compensation: bool) -> Result<(), MasterError> {
         self.command(NmtCommand::EnterPreOperational)?;
         // What was received so far is from before; a member that restarts from here on may do so
@@ -59,6 +60,18 @@ impl<L: Link> Group<L> {
         self.restarted = None;
         // Should it end halfway.
         self.doubt_configuration();
+        let written = self.write_file(compensation);
+        self.listen(self.wire.now())?;
+        match (written, self.restarted) {
+            (
+                Err(MasterError::ReadBack { node, .. } | MasterError::Configuration { node, .. }),
+                Some(restarted),
+            ) if node == restarted => Err(MasterError::MemberRestarted { node }),
+            (result, _) => result,
+        }
+    }
+
+    fn write_file(&mut self, compensation: bool) -> Result<(), MasterError> {
         let file = std::sync::Arc::clone(&self.file);
         for robot in &file.robots {
             for (at, value) in parameters(&file, robot, compensation) {
