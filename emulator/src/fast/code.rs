@@ -29,40 +29,37 @@ const PAGES: usize = LARGEST_FLASH as usize / PAGE;
 /// Contents of one page that are remembered: that of the image, and of updates.
 const CONTENTS: usize = 4;
 
-/// A page of code, by halfwords.
+/// A page of code, by halfwords. The tables lie apart from each other, so that what is executed
+/// takes few lines of the host's caches, and in one piece, so that one address leads to all.
 pub(super) struct Page {
+    ops: [Op; HALVES],
+    lengths: [u8; HALVES],
+    /// What the instructions are in an IT block.
+    in_it: [Op; HALVES],
+    /// None where the flash ends in the middle of an instruction, and for one that the core lacks.
+    entries: [Option<Entry>; HALVES],
     /// What was decoded: the page's content and, because an instruction may reach into the next
     /// page, the halfword behind it.
     bytes: Vec<u8>,
-    /// Apart from each other, so that what is executed takes few lines of the host's caches.
-    ops: Box<[Op; HALVES]>,
-    lengths: Box<[u8; HALVES]>,
-    /// What the instructions are in an IT block.
-    in_it: Box<[Op; HALVES]>,
-    /// None where the flash ends in the middle of an instruction, and for one that the core lacks.
-    entries: Box<[Option<Entry>; HALVES]>,
 }
 
 impl Page {
+    /// The operation at a place in the page, counted in halfwords, and how many of these its
+    /// instruction has.
     #[inline(always)]
-    pub(super) fn op(&self, pc: u32) -> &Op {
-        &self.ops[pc as usize / 2 % HALVES]
-    }
-
-    /// Bytes of the instruction.
-    #[inline(always)]
-    pub(super) fn length(&self, pc: u32) -> u32 {
-        self.lengths[pc as usize / 2 % HALVES].into()
+    pub(super) fn op(&self, at: u32) -> Option<(&Op, u32)> {
+        let at = at as usize;
+        Some((self.ops.get(at)?, (*self.lengths.get(at)?).into()))
     }
 
     #[inline(always)]
-    pub(super) fn in_it(&self, pc: u32) -> &Op {
-        &self.in_it[pc as usize / 2 % HALVES]
+    pub(super) fn in_it(&self, at: u32) -> &Op {
+        &self.in_it[at as usize % HALVES]
     }
 
     #[inline(always)]
-    pub(super) fn entry(&self, pc: u32) -> Result<&Entry, Leave> {
-        self.entries[pc as usize / 2 % HALVES].as_ref().ok_or(Leave)
+    pub(super) fn entry(&self, at: u32) -> Result<&Entry, Leave> {
+        self.entries[at as usize % HALVES].as_ref().ok_or(Leave)
     }
 }
 
@@ -152,7 +149,7 @@ impl Code {
 
     /// The instruction at an address.
     pub(super) fn at(&mut self, pc: u32, flash: &RamStore) -> Result<&Entry, Leave> {
-        self.page(pc, flash)?.entry(pc)
+        self.page(pc, flash)?.entry(pc / 2)
     }
 }
 
@@ -194,7 +191,7 @@ fn decode_page(chip: &Chip, address: u32, bytes: Vec<u8>) -> Page {
         }
         Some(Entry { insn, length })
     };
-    let entries: Box<[Option<Entry>; HALVES]> = boxed(entry);
+    let entries: [Option<Entry>; HALVES] = std::array::from_fn(entry);
     let op = |index: usize, in_it| match entries[index] {
         // After an instruction that is not a micro-operation the page is looked up again.
         Some(Entry { insn, length }) if 2 * index + (length as usize) < PAGE => {
@@ -208,15 +205,13 @@ fn decode_page(chip: &Chip, address: u32, bytes: Vec<u8>) -> Page {
         }
         _ => Op::Other,
     };
-    let length = |index: usize| entries[index].map_or(2, |entry| entry.length as u8);
-    let (ops, lengths) = (boxed(|index| op(index, false)), boxed(length));
-    let in_it = boxed(|index| op(index, true));
+    let length = |index: usize| entries[index].map_or(1, |entry| entry.length as u8 / 2);
     Page {
-        bytes,
-        ops,
-        lengths,
-        in_it,
+        ops: std::array::from_fn(|index| op(index, false)),
+        lengths: std::array::from_fn(length),
+        in_it: std::array::from_fn(|index| op(index, true)),
         entries,
+        bytes,
     }
 }
 

@@ -115,6 +115,13 @@ impl Core {
         self.r[usize::from(register & 15)] = value;
     }
 
+    /// Writes a register and the flags N and Z.
+    #[inline(always)]
+    pub(super) fn set_with_nz(&mut self, d: u8, value: u32) {
+        self.set(d, value);
+        self.set_nz(value);
+    }
+
     #[inline(always)]
     pub(super) fn get(&self, register: u8) -> u32 {
         self.r[usize::from(register & 15)]

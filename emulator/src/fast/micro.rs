@@ -2,10 +2,11 @@
 //! the registers.
 //!
 //! An instruction becomes a micro-operation when it is decoded, once for all boards that run the
-//! image. Addresses relative to the program counter are absolute here, constants from flash are
-//! values, and whether the flags are set is part of the operation. No register of a micro-operation
-//! is the program counter. An instruction without a micro-operation of its own is [`Op::Other`],
-//! the decoded instruction, executed by `execute.rs`, `transfer.rs` and `float.rs`.
+//! image. Branches know their place in the page here, in halfwords, other addresses relative to the
+//! program counter are absolute, constants from flash are values, and whether the flags are set is
+//! part of the operation. No register of a micro-operation is the program counter. An instruction
+//! without a micro-operation of its own is [`Op::Other`], the decoded instruction, executed by
+//! `execute.rs`, `transfer.rs` and `float.rs`.
 
 /// Registers: `d` result, `n` and `m` operands, `t` transferred.
 #[rustfmt::skip] // one line each, as a table
@@ -92,7 +93,7 @@ pub(super) enum Op {
     BranchNonzero { n: u8, to: u32 },
 
     /// A constant from this page: its offset there, and the value.
-    Constant { t: u8, at: u16, value: u32 },
+    Constant { t: u8, from: u16, value: u32 },
     Load { t: u8, n: u8, by: i32 },
     LoadByte { t: u8, n: u8, by: i32 },
     LoadHalf { t: u8, n: u8, by: i32 },
@@ -127,7 +128,7 @@ pub(super) enum Op {
     FloatTo { t: u8, m: u8 },
     FloatLoad { d: u8, n: u8, by: i16 },
     FloatStore { d: u8, n: u8, by: i16 },
-    FloatConstant { d: u8, at: u16, value: u32 },
+    FloatConstant { d: u8, from: u16, value: u32 },
     FloatCompare { d: u8, m: u8 },
     FloatCompareZero { d: u8 },
     /// `d` plus the product, or minus it, each rounded.

@@ -1,10 +1,10 @@
 //! The loop over micro-operations.
 //!
-//! The state that passes from one instruction to the next is in local variables: program counter,
-//! time, instructions counted. An instruction after which the session has to check its state (a
-//! peripheral was accessed, interrupts were enabled, the program moved to another page) sets the
-//! time of the loop's end to zero, so all other instructions need only one comparison. An arm that
-//! leaves the loop has not changed anything.
+//! The state that passes from one instruction to the next is in local variables: the place in the
+//! page, time, instructions counted. An instruction after which the session has to check its state
+//! (a peripheral was accessed, interrupts were enabled) sets the time of the loop's end to zero, an
+//! IT block the time up to which nothing but the instruction matters, so all others need only one
+//! comparison. An arm that leaves the loop has not changed anything.
 
 use rsemu::core::value::Width;
 
@@ -13,6 +13,14 @@ use super::micro::Op;
 use super::translate::PAGE;
 use super::{Core, Done, Leave, Memory, advanced, exchangeable};
 use crate::memory_map::{FLASH_BASE, RAM_BASE};
+
+/// Time and instructions are one number, so that both go on in one addition: cycles (enough for 289
+/// days at 180 MHz), and below them the instructions of a call, which are fewer than its cycles.
+const CYCLE_BITS: u32 = 12;
+const CYCLE: u64 = 1 << CYCLE_BITS;
+const INSTRUCTION: u64 = 1;
+/// Cycles of a call at most, but for those of its last instruction.
+const MOST: u64 = CYCLE - 1;
 
 /// The page of an address.
 const PAGE_OF: u32 = !(PAGE as u32 - 1);
@@ -28,32 +36,61 @@ impl Core {
         limit: u64,
         instructions: &mut u64,
     ) -> Done {
-        let mut pc = self.r[15];
-        let mut now = self.now;
+        let base = self.r[15] & PAGE_OF;
+        // Places in the page are counted in halfwords, as each waits for the length of the one
+        // before and for as little else as possible. One outside of the page ends the loop.
+        let place = |address: u32| address.wrapping_sub(base) >> 1;
+        let address = |place: u32| base.wrapping_add(place << 1);
+        let mut at = place(self.r[15]);
+        // The time, and in its lowest bits the number of instructions so far.
+        let mut count = self.now << CYCLE_BITS;
         // Zero once the loop is to end after the instruction under way.
-        let mut until = limit;
-        let mut executed: u64 = 0;
+        let mut stop = limit.min(self.now + MOST) << CYCLE_BITS;
+        // Up to when instructions follow each other without anything else to look at.
+        let mut until = if self.it == 0 { stop } else { 0 };
         // What is read from the flash without a wait.
-        let (line_bytes, mut line) = self.fetch.in_use();
+        let line_length = self.fetch.in_use().0 >> 1;
+        let mut line = place(self.fetch.in_use().1.wrapping_add(FLASH_BASE));
         let result = 'run: loop {
-            if now >= until {
+            let Some((mut op, length)) = page.op(at) else {
                 break Ok(());
-            }
-            let mut op = page.op(pc);
-            let length = page.length(pc);
-            let it = self.it;
-            if it != 0 {
-                op = page.in_it(pc);
+            };
+            let mut it = 0;
+            if count >= until {
+                if count >= stop {
+                    break Ok(());
+                }
+                it = self.it;
+                op = page.in_it(at);
                 if !matches!(op, Op::Other) {
                     if !self.passes(it >> 4) {
                         op = &Op::Nop;
                     }
                     self.it = advanced(it);
+                    if self.it == 0 {
+                        until = stop;
+                    }
                 }
             }
-            let mut cycles: u64 = 1;
-            let mut next = pc.wrapping_add(length);
+            let mut spent = CYCLE + INSTRUCTION;
+            let mut next = at.wrapping_add(length);
 
+            // Cycles beyond the first.
+            macro_rules! spend {
+                ($cycles:expr) => {
+                    spent = spent.wrapping_add($cycles * CYCLE)
+                };
+            }
+            macro_rules! now {
+                () => {
+                    count >> CYCLE_BITS
+                };
+            }
+            macro_rules! end {
+                () => {
+                    (stop, until) = (0, 0)
+                };
+            }
             macro_rules! leave {
                 () => {{
                     self.it = it;
@@ -63,10 +100,29 @@ impl Core {
             macro_rules! jump {
                 ($to:expr) => {{
                     next = $to;
-                    cycles = cycles.wrapping_add(2);
-                    if (next ^ pc) & PAGE_OF != 0 {
-                        until = 0;
+                    spend!(2);
+                }};
+            }
+            // What another function does, which counts its cycles.
+            macro_rules! done {
+                ($done:expr) => {
+                    match $done {
+                        Ok(value) => {
+                            spend!(self.cycles);
+                            value
+                        }
+                        Err(Leave) => leave!(),
                     }
+                };
+            }
+            // The same of an access, which may be to a peripheral.
+            macro_rules! accessed {
+                ($done:expr) => {{
+                    let value = done!($done);
+                    if self.io {
+                        end!();
+                    }
+                    value
                 }};
             }
             // Accesses other than aligned ones to RAM take the slow path.
@@ -75,19 +131,10 @@ impl Core {
                     let at: u32 = $at;
                     match memory.ram.read_aligned(at.wrapping_sub(RAM_BASE), $width) {
                         Some(value) => {
-                            cycles = cycles.wrapping_add(1);
+                            spend!(1);
                             value
                         }
-                        None => match self.read_slowly(memory, at, $width, now) {
-                            Ok(value) => {
-                                cycles = cycles.wrapping_add(self.cycles);
-                                if self.io {
-                                    until = 0;
-                                }
-                                value
-                            }
-                            Err(Leave) => leave!(),
-                        },
+                        None => accessed!(self.read_slowly(memory, at, $width, now!())),
                     }
                 }};
             }
@@ -96,16 +143,8 @@ impl Core {
                     let (at, value): (u32, u32) = ($at, $value);
                     let offset = at.wrapping_sub(RAM_BASE);
                     match memory.ram.write_aligned(offset, $width, value) {
-                        Some(()) => cycles = cycles.wrapping_add(1),
-                        None => match self.write_slowly(memory, at, $width, value, now) {
-                            Ok(()) => {
-                                cycles = cycles.wrapping_add(self.cycles);
-                                if self.io {
-                                    until = 0;
-                                }
-                            }
-                            Err(Leave) => leave!(),
-                        },
+                        Some(()) => spend!(1),
+                        None => accessed!(self.write_slowly(memory, at, $width, value, now!())),
                     }
                 }};
             }
@@ -123,55 +162,46 @@ impl Core {
 
             match *op {
                 Op::Other => {
-                    (self.r[15], self.now) = (pc, now);
-                    let done = match page.entry(pc) {
+                    (self.r[15], self.now) = (address(at), now!());
+                    let done = match page.entry(at) {
                         Ok(entry) => self.step(memory, entry),
                         Err(Leave) => Err(Leave),
                     };
                     if done.is_err() {
                         break Err(Leave);
                     }
-                    executed = executed.wrapping_add(1);
-                    (pc, now) = (self.r[15], self.now);
+                    count = self.now << CYCLE_BITS | (count + INSTRUCTION) % CYCLE;
+                    at = place(self.r[15]);
                     // The program may be anywhere, and the session has to check its state.
                     break Ok(());
                 }
                 Op::Plain => {
                     self.cycles = 0;
-                    let keep_flags = it != 0 && length == 2;
-                    let done = match page.entry(pc) {
-                        Ok(entry) => self.execute(memory, &entry.insn, keep_flags),
-                        Err(Leave) => Err(Leave),
-                    };
-                    if done.is_err() {
-                        leave!();
-                    }
-                    cycles = cycles.wrapping_add(self.cycles);
+                    let keep_flags = it != 0 && length == 1;
+                    let entry = page.entry(at);
+                    done!(entry.and_then(|entry| self.execute(memory, &entry.insn, keep_flags)));
                 }
                 Op::Float => {
                     float!();
-                    (self.cycles, self.now) = (0, now);
-                    let done = match page.entry(pc) {
-                        Ok(entry) => self.execute(memory, &entry.insn, false),
-                        Err(Leave) => Err(Leave),
-                    };
-                    if done.is_err() {
-                        leave!();
-                    }
-                    cycles = cycles.wrapping_add(self.cycles);
+                    (self.cycles, self.now) = (0, now!());
+                    let entry = page.entry(at);
+                    done!(entry.and_then(|entry| self.execute(memory, &entry.insn, false)));
                 }
                 Op::Nop => {}
-                Op::It { cond, mask } => self.it = cond << 4 | mask,
+                Op::It { cond, mask } => {
+                    self.it = cond << 4 | mask;
+                    until = 0;
+                }
                 Op::Interrupts { enable } => {
                     self.set_primask(!enable);
                     if self.waiting && self.unmasked {
-                        until = 0;
+                        end!();
                     }
                 }
                 Op::SetPrimask { n } => {
                     self.set_primask(self.get(n) & 1 != 0);
                     if self.waiting && self.unmasked {
-                        until = 0;
+                        end!();
                     }
                 }
                 Op::Primask { d } => self.set(d, u32::from(self.primask)),
@@ -261,14 +291,14 @@ impl Core {
                     let product = u64::from(self.get(n)) * u64::from(self.get(m));
                     self.set(low, product as u32);
                     self.set(high, (product >> 32) as u32);
-                    cycles = cycles.wrapping_add(1);
+                    spend!(1);
                 }
                 Op::Umaal { low, high, n, m } => {
                     let product = u64::from(self.get(n)) * u64::from(self.get(m));
                     let sum = product + u64::from(self.get(low)) + u64::from(self.get(high));
                     self.set(low, sum as u32);
                     self.set(high, (sum >> 32) as u32);
-                    cycles = cycles.wrapping_add(1);
+                    spend!(1);
                 }
                 Op::UnsignedByte { d, m } => self.set(d, self.get(m) & 0xFF),
                 Op::UnsignedHalf { d, m } => self.set(d, self.get(m) & 0xFFFF),
@@ -301,7 +331,7 @@ impl Core {
                     }
                 }
                 Op::BranchLink { to } => {
-                    self.set(14, next | 1);
+                    self.set(14, address(next) | 1);
                     jump!(to);
                 }
                 Op::BranchTo { m } => {
@@ -309,15 +339,15 @@ impl Core {
                     if exchangeable(to).is_err() {
                         leave!();
                     }
-                    jump!(to & !1);
+                    jump!(place(to));
                 }
                 Op::BranchLinkTo { m } => {
                     let to = self.get(m);
                     if exchangeable(to).is_err() {
                         leave!();
                     }
-                    self.set(14, next | 1);
-                    jump!(to & !1);
+                    self.set(14, address(next) | 1);
+                    jump!(place(to));
                 }
                 Op::BranchZero { n, to } => {
                     if self.get(n) == 0 {
@@ -330,9 +360,9 @@ impl Core {
                     }
                 }
 
-                Op::Constant { t, at, value } => {
+                Op::Constant { t, from, value } => {
                     self.set(t, value);
-                    cycles = cycles.wrapping_add(1 + self.fetch.constant(offset(pc, at)));
+                    spend!(1 + self.fetch.constant(offset(base, from)));
                 }
                 Op::Load { t, n, by } => {
                     let value = load!(self.get(n).wrapping_add_signed(by), Width::U32);
@@ -408,14 +438,9 @@ impl Core {
                 }
                 Op::LoadTwo { t, t2, n, by } => {
                     let at = self.get(n).wrapping_add_signed(i32::from(by));
-                    match self.two(memory, at, now) {
-                        Ok((low, high)) => {
-                            self.set(t, low);
-                            self.set(t2, high);
-                            cycles = cycles.wrapping_add(self.cycles);
-                        }
-                        Err(Leave) => leave!(),
-                    }
+                    let (low, high) = done!(self.two(memory, at, now!()));
+                    self.set(t, low);
+                    self.set(t2, high);
                 }
                 Op::StoreTwo { t, t2, n, by } => {
                     let at = self.get(n).wrapping_add_signed(i32::from(by));
@@ -424,7 +449,7 @@ impl Core {
                     };
                     memory.ram.set_word(offset, self.get(t));
                     memory.ram.set_word(offset + 4, self.get(t2));
-                    cycles = cycles.wrapping_add(2);
+                    spend!(2);
                 }
                 Op::Multiple {
                     load,
@@ -433,16 +458,10 @@ impl Core {
                     before,
                     list,
                 } => {
-                    (self.cycles, self.now, self.branched) = (0, now, false);
-                    if self.multiple(memory, load, n, list, wback, before).is_err() {
-                        leave!();
-                    }
-                    cycles = cycles.wrapping_add(self.cycles);
+                    (self.cycles, self.now, self.branched) = (0, now!(), false);
+                    done!(self.multiple(memory, load, n, list, wback, before));
                     if self.branched {
-                        next = self.r[15];
-                        if (next ^ pc) & PAGE_OF != 0 {
-                            until = 0;
-                        }
+                        next = place(self.r[15]);
                     }
                 }
 
@@ -466,14 +485,14 @@ impl Core {
                     let product = self.product(self.fpu.s(n), self.fpu.s(m));
                     let sum = self.sum(self.fpu.s(d), product);
                     self.fpu.set_s(d, sum);
-                    cycles = cycles.wrapping_add(2);
+                    spend!(2);
                 }
                 Op::FloatMulSub { d, n, m } => {
                     float!();
                     let product = self.product(self.fpu.s(n), self.fpu.s(m)) ^ SIGN;
                     let sum = self.sum(self.fpu.s(d), product);
                     self.fpu.set_s(d, sum);
-                    cycles = cycles.wrapping_add(2);
+                    spend!(2);
                 }
                 Op::FloatMove { d, m } => {
                     float!();
@@ -505,13 +524,10 @@ impl Core {
                     let offset = at.wrapping_sub(RAM_BASE);
                     if let Some(value) = memory.ram.read_aligned(offset, Width::U32) {
                         self.fpu.set_s(d, value);
-                        cycles = cycles.wrapping_add(1);
+                        spend!(1);
                     } else {
-                        (self.cycles, self.now) = (0, now);
-                        if self.float_words(memory, true, d, at, 1).is_err() {
-                            leave!();
-                        }
-                        cycles = cycles.wrapping_add(self.cycles);
+                        (self.cycles, self.now) = (0, now!());
+                        done!(self.float_words(memory, true, d, at, 1));
                     }
                 }
                 Op::FloatStore { d, n, by } => {
@@ -526,12 +542,12 @@ impl Core {
                     {
                         leave!();
                     }
-                    cycles = cycles.wrapping_add(1);
+                    spend!(1);
                 }
-                Op::FloatConstant { d, at, value } => {
+                Op::FloatConstant { d, from, value } => {
                     float!();
                     self.fpu.set_s(d, value);
-                    cycles = cycles.wrapping_add(1 + self.fetch.constant(offset(pc, at)));
+                    spend!(1 + self.fetch.constant(offset(base, from)));
                 }
                 Op::FloatCompare { d, m } => {
                     float!();
@@ -547,38 +563,17 @@ impl Core {
                 }
             }
 
-            let at = pc.wrapping_sub(FLASH_BASE);
-            if at.wrapping_sub(line) > line_bytes.wrapping_sub(length) {
-                cycles = cycles.wrapping_add(self.fetch.lines(at, length, now));
-                line = self.fetch.in_use().1;
+            if at.wrapping_sub(line) > line_length.wrapping_sub(length) {
+                let from = address(at).wrapping_sub(FLASH_BASE);
+                spend!(self.fetch.lines(from, 2 * length, now!()));
+                line = place(self.fetch.in_use().1.wrapping_add(FLASH_BASE));
             }
-            now = now.wrapping_add(cycles);
-            pc = next;
-            executed = executed.wrapping_add(1);
+            count = count.wrapping_add(spent);
+            at = next;
         };
-        (self.r[15], self.now) = (pc, now);
-        *instructions += executed;
+        (self.r[15], self.now) = (address(at), count >> CYCLE_BITS);
+        *instructions += count % CYCLE;
         result
-    }
-
-    /// Writes a register and the flags N and Z.
-    #[inline(always)]
-    fn set_with_nz(&mut self, d: u8, value: u32) {
-        self.set(d, value);
-        self.set_nz(value);
-    }
-
-    #[inline(always)]
-    fn indexed(&self, n: u8, m: u8, lsl: u8) -> u32 {
-        self.get(n).wrapping_add(self.get(m) << (lsl & 31))
-    }
-
-    /// The address of an access, and what is written back.
-    #[inline(always)]
-    fn moving(&self, n: u8, index: bool, by: i16) -> (u32, u32) {
-        let base = self.get(n);
-        let moved = base.wrapping_add_signed(i32::from(by));
-        (if index { moved } else { base }, moved)
     }
 }
 
@@ -591,10 +586,8 @@ fn mask(width: u8) -> u32 {
     u32::MAX >> (32_u8.wrapping_sub(width) & 31)
 }
 
-/// Offset in the flash of a place in the page of an address.
+/// Offset in the flash of one in the page that begins at `base`.
 #[inline(always)]
-fn offset(pc: u32, at: u16) -> u32 {
-    (pc & PAGE_OF)
-        .wrapping_sub(FLASH_BASE)
-        .wrapping_add(u32::from(at))
+fn offset(base: u32, at: u16) -> u32 {
+    base.wrapping_sub(FLASH_BASE).wrapping_add(u32::from(at))
 }

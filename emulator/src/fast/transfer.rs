@@ -96,6 +96,19 @@ impl Core {
         Ok(())
     }
 
+    #[inline(always)]
+    pub(super) fn indexed(&self, n: u8, m: u8, lsl: u8) -> u32 {
+        self.get(n).wrapping_add(self.get(m) << (lsl & 31))
+    }
+
+    /// The address of an access, and what is written back.
+    #[inline(always)]
+    pub(super) fn moving(&self, n: u8, index: bool, by: i16) -> (u32, u32) {
+        let base = self.get(n);
+        let moved = base.wrapping_add_signed(i32::from(by));
+        (if index { moved } else { base }, moved)
+    }
+
     /// Reads anything but aligned RAM, for an instruction that begins at `now`.
     #[inline(never)]
     pub(super) fn read_slowly(

@@ -33,6 +33,12 @@ impl Place<'_> {
         self.address.wrapping_add(4)
     }
 
+    /// Where a branch leads, in halfwords from the page's beginning.
+    fn target(self, by: i32) -> u32 {
+        let to = self.pc().wrapping_add_signed(by);
+        to.wrapping_sub(self.address / PAGE as u32 * PAGE as u32) >> 1
+    }
+
     /// A word of the page at an address relative to the aligned program counter: its offset and its
     /// value.
     fn constant(self, by: i32) -> Option<(u16, u32)> {
@@ -96,7 +102,7 @@ fn special(insn: &Insn, place: Place<'_>) -> Option<Op> {
         },
         Insn::MovImm16 { top: true, rd, imm } if rd < 15 => Op::SetTop { d: rd, value: imm },
         Insn::Branch { cond, offset } => {
-            let to = place.pc().wrapping_add_signed(offset) & !1;
+            let to = place.target(offset);
             match cond {
                 None | Some(Cond(14..)) => Op::Branch { to },
                 Some(Cond(0)) => Op::BranchEqual { to },
@@ -105,7 +111,7 @@ fn special(insn: &Insn, place: Place<'_>) -> Option<Op> {
             }
         }
         Insn::BranchLink { offset } => Op::BranchLink {
-            to: place.pc().wrapping_add_signed(offset) & !1,
+            to: place.target(offset),
         },
         Insn::Bx { rm } if rm < 15 => Op::BranchTo { m: rm },
         Insn::Blx { rm } if rm < 15 => Op::BranchLinkTo { m: rm },
@@ -114,7 +120,7 @@ fn special(insn: &Insn, place: Place<'_>) -> Option<Op> {
             rn,
             offset,
         } if rn < 15 => {
-            let to = place.pc().wrapping_add(offset) & !1;
+            let to = place.target(offset as i32);
             if nonzero {
                 Op::BranchNonzero { n: rn, to }
             } else {
@@ -142,8 +148,9 @@ fn special(insn: &Insn, place: Place<'_>) -> Option<Op> {
             imm,
             add,
         } if rt < 15 => {
-            let (at, value) = place.constant(signed(imm, add))?;
-            Op::Constant { t: rt, at, value }
+            let (from, value) = place.constant(signed(imm, add))?;
+            let t = rt;
+            Op::Constant { t, from, value }
         }
         Insn::LoadStoreDual {
             load,
@@ -550,7 +557,7 @@ fn float(insn: FpInsn, place: Place<'_>) -> Option<Op> {
             add,
             double: false,
         } => match place.constant(signed(imm, add)) {
-            Some((at, value)) => Op::FloatConstant { d, at, value },
+            Some((from, value)) => Op::FloatConstant { d, from, value },
             None => Op::Other,
         },
         // Relative to the program counter.
