@@ -20,8 +20,9 @@ const LOOK: Micros = Micros(10_000);
 /// How long to look for an answer before sleeping.
 const SOON: Duration = Duration::from_micros(100);
 /// After how many waits to look again when nothing came soon: perhaps the client can only work
-/// while this process sleeps.
+/// while this process sleeps. Twice as many each time, up to the most.
 const RESTS: u32 = 32;
+const MOST_RESTS: u32 = 1024;
 
 /// A connection that never blocks. Bytes wait in it in both directions; its owner takes them from
 /// `input` and puts them into `output`.
@@ -52,7 +53,12 @@ impl<S: Read + Write> Pipe<S> {
         while self.input.len() < BACKLOG {
             match self.stream.read(&mut bytes) {
                 Ok(0) => return Err(ErrorKind::UnexpectedEof.into()),
-                Ok(count) => self.input.extend_from_slice(&bytes[..count]),
+                Ok(count) => {
+                    self.input.extend_from_slice(&bytes[..count]);
+                    if count < bytes.len() {
+                        break;
+                    }
+                }
                 Err(error) if error.kind() == ErrorKind::WouldBlock => break,
                 Err(error) if error.kind() == ErrorKind::Interrupted => {}
                 Err(error) => return Err(error),
@@ -96,6 +102,9 @@ pub(super) struct Listener {
     address: SocketAddr,
     asked: Micros,
     looked: Micros,
+    /// Whether a client was there at the end of the last wait, if there was one since the last
+    /// look.
+    knocked: Cell<Option<bool>>,
 }
 
 impl Listener {
@@ -108,6 +117,7 @@ impl Listener {
             socket,
             asked: Micros(0),
             looked: Micros(0),
+            knocked: Cell::new(None),
         })
     }
 
@@ -128,6 +138,9 @@ impl Listener {
 
     /// The next client that has connected.
     pub fn accept(&self) -> Option<Pipe<TcpStream>> {
+        if self.knocked.take() == Some(false) {
+            return None;
+        }
         while let Ok((stream, _)) = self.socket.accept() {
             // One that is gone already is no client.
             if stream.set_nonblocking(true).is_ok() && stream.set_nodelay(true).is_ok() {
@@ -178,8 +191,9 @@ pub struct Server<C> {
     clients: Vec<(Pipe<TcpStream>, C)>,
     /// Ports of clients that have gone.
     spare: Vec<Port>,
-    /// In how many waits not to look first; see [`RESTS`].
+    /// In how many waits not to look first, and in how many the next time; see [`RESTS`].
     rests: Cell<u32>,
+    next_rests: Cell<u32>,
 }
 
 impl<C> Server<C> {
@@ -193,6 +207,7 @@ impl<C> Server<C> {
             clients: Vec::new(),
             spare: Vec::new(),
             rests: Cell::new(0),
+            next_rests: Cell::new(RESTS),
         })
     }
 }
@@ -244,19 +259,34 @@ impl<C: Client> Endpoint for Server<C> {
             .map(|stream| PollFd::new(stream, PollFlags::IN))
             .collect();
         all.push(PollFd::new(&self.listener.socket, PollFlags::IN));
+        // Whether there is anything, within a time.
+        let mut come = |within: &Timespec| {
+            let come = poll(&mut all, Some(within)) != Ok(0);
+            let knocked = all.last().map(|listener| !listener.revents().is_empty());
+            self.listener.knocked.set(knocked.filter(|_| come));
+            come
+        };
         // A program that works with the world answers within microseconds, and a core that has gone
         // to sleep takes longer to wake up.
-        let now = Timespec::default();
         let began = Instant::now();
         let rests = self.rests.get();
         while rests == 0 && began.elapsed() < SOON {
-            if poll(&mut all, Some(&now)) != Ok(0) {
+            if come(&Timespec::default()) {
+                self.next_rests.set(RESTS);
                 return;
             }
             std::hint::spin_loop();
         }
-        self.rests.set(rests.checked_sub(1).unwrap_or(RESTS));
+        if rests == 0 {
+            let rests = self.next_rests.get();
+            self.rests.set(rests);
+            self.next_rests.set(MOST_RESTS.min(2 * rests));
+        } else {
+            self.rests.set(rests - 1);
+        }
         // Interrupted by a signal, it has waited long enough.
-        let _ = poll(&mut all, Timespec::try_from(most).ok().as_ref());
+        if let Ok(most) = Timespec::try_from(most) {
+            come(&most);
+        }
     }
 }
