@@ -16,8 +16,7 @@ use crate::memory_map::{FLASH_BASE, RAM_BASE};
 
 /// Time and instructions are one number, so that both go on in one addition: cycles (enough for 289
 /// days at 180 MHz), and below them the instructions of a call, which are fewer than its cycles.
-const CYCLE_BITS: u32 = 12;
-const CYCLE: u64 = 1 << CYCLE_BITS;
+const CYCLE: u64 = 1 << 12;
 const INSTRUCTION: u64 = 1;
 /// Cycles of a call at most, but for those of its last instruction.
 const MOST: u64 = CYCLE - 1;
@@ -43,9 +42,9 @@ impl Core {
         let address = |place: u32| base.wrapping_add(place << 1);
         let mut at = place(self.r[15]);
         // The time, and in its lowest bits the number of instructions so far.
-        let mut count = self.now << CYCLE_BITS;
+        let mut count = self.now * CYCLE;
         // Zero once the loop is to end after the instruction under way.
-        let mut stop = limit.min(self.now + MOST) << CYCLE_BITS;
+        let mut stop = limit.min(self.now + MOST) * CYCLE;
         // Up to when instructions follow each other without anything else to look at.
         let mut until = if self.it == 0 { stop } else { 0 };
         // What is read from the flash without a wait.
@@ -83,7 +82,7 @@ impl Core {
             }
             macro_rules! now {
                 () => {
-                    count >> CYCLE_BITS
+                    count / CYCLE
                 };
             }
             macro_rules! end {
@@ -170,7 +169,7 @@ impl Core {
                     if done.is_err() {
                         break Err(Leave);
                     }
-                    count = self.now << CYCLE_BITS | (count + INSTRUCTION) % CYCLE;
+                    count = self.now * CYCLE + (count + INSTRUCTION) % CYCLE;
                     at = place(self.r[15]);
                     // The program may be anywhere, and the session has to check its state.
                     break Ok(());
@@ -571,7 +570,7 @@ impl Core {
             count = count.wrapping_add(spent);
             at = next;
         };
-        (self.r[15], self.now) = (address(at), count >> CYCLE_BITS);
+        (self.r[15], self.now) = (address(at), count / CYCLE);
         *instructions += count % CYCLE;
         result
     }
