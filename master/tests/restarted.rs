@@ -172,7 +172,6 @@ fn a_robot_that_was_missing_is_configured_again() {
     group.stop().unwrap();
 }
 
-/// The file is in no robot's flash when a member restarts between the configuration and the start.
 /// What was written before is gone: that is neither another master's doing nor the file's.
 #[test]
 fn a_restart_while_the_file_is_written_is_named() {
@@ -193,6 +192,7 @@ fn a_restart_while_the_file_is_written_is_named() {
     }
 }
 
+/// The file is in no robot's flash when a member restarts between the configuration and the start.
 #[test]
 fn a_robot_that_restarts_while_the_group_starts_ends_the_start() {
     let file = file();
