@@ -13,6 +13,7 @@ mod debug;
 mod follow;
 mod run;
 mod serial;
+mod step;
 
 pub use debug::CoreRegisters;
 pub use serial::SerialPort;

@@ -7,13 +7,9 @@
 
 use std::sync::atomic::Ordering::Relaxed;
 
-use rsemu::core::value::Width;
-use rsemu::cpu::arm::v7m::{Regs, xpsr};
-
 use super::Board;
 use super::follow::Place;
 use crate::fast::Memory;
-use crate::memory_map::RAM_BASE;
 use crate::profile::{At, Cost};
 use crate::soc::Soc;
 use crate::stop::{Stop, StopKind};
@@ -21,10 +17,6 @@ use crate::system::rcc;
 
 /// Largest number of core cycles between two checks of a running core: 11 us at 180 MHz.
 const LOOK_CYCLES: u64 = 2_000;
-/// EXC_RETURN: the frame lies on the process stack.
-const EXC_RETURN_PSP: u32 = 1 << 2;
-/// Where xPSR lies in the frame of an exception.
-const STACKED_XPSR: u32 = 28;
 /// The first address that is not of the flash or its image at 0.
 const SRAM_FROM: u32 = 0x1000_0000;
 /// SCR: sleep means stop or standby mode.
@@ -122,71 +114,6 @@ impl Board {
         }
     }
 
-    /// One step of the reference core: an instruction or the entry into an exception handler.
-    /// Returns which of the two it was.
-    ///
-    /// An exception can come between the instructions of an IT block. The rest of the block
-    /// (ITSTATE) is then kept in the stacked xPSR, and the exception return continues with it
-    /// (ARMv7-M ARM, B1.5.6). rsemu 0.0.7 stacks it as zero, after which the rest of the block
-    /// would run regardless of its condition; this function therefore corrects the stacked value.
-    ///
-    /// It can also come between a comparison of floats and the instruction that reads its flags out
-    /// of FPSCR. Entry leaves FPSCR alone; the handler's first floating-point instruction saves it
-    /// (B1.5.7). rsemu 0.0.7 overwrites it on entry, before it is saved; this function therefore
-    /// restores it. The handler should then have the modes of FPDSCR, which are zero in both.
-    fn step(&mut self) -> (u64, bool) {
-        let before = self.cpu.regs();
-        let (left, pc) = (before.xpsr & xpsr::IT_MASK, before.r[15]);
-        let fpscr = self.cpu.fpscr();
-        let mut cycles = self.cpu.step();
-        let after = self.cpu.regs();
-        let entered = cycles >= 12 && self.entered_exception(&after);
-        // An instruction that is followed by the next one has not left a handler. An exclusive
-        // load, store or clear would be plain but for its operands; an earlier reservation is then
-        // gone.
-        let follows = (1..=4).contains(&after.r[15].wrapping_sub(pc));
-        let half = self.instruction(pc);
-        if entered || !follows || half.is_none_or(is_exclusive) {
-            self.fast.forget_reservation();
-        }
-        // An entry only reserves room for the floating-point registers. A return may restore them,
-        // and one that fails enters a handler, too.
-        let returned = !follows && (!entered || before.in_handler());
-        if returned || half.is_none_or(is_coprocessor) {
-            self.fast.forget_floats();
-        }
-        if entered {
-            self.cpu.set_fpscr(fpscr);
-        } else if after.r[15] != pc {
-            let waited = self.wait_for(pc);
-            if waited > 0 {
-                self.cpu.with_sys(|sys| sys.tick_cyccnt(waited));
-            }
-            cycles += waited;
-        }
-        if left != 0 && entered {
-            let on_psp = after.r[14] & EXC_RETURN_PSP != 0;
-            let frame = if on_psp { after.psp } else { after.msp };
-            let at = frame.wrapping_sub(RAM_BASE).saturating_add(STACKED_XPSR);
-            // A frame outside RAM was never stacked.
-            if let Some(word) = self.ram.read(at, Width::U32) {
-                let _ = self.ram.write(at, Width::U32, word | left);
-            }
-        }
-        (cycles, entered)
-    }
-
-    /// Cycles that the core waited for the instruction that it has just read from flash.
-    fn wait_for(&mut self, pc: u32) -> u64 {
-        let memory = Memory {
-            cpu: &self.cpu,
-            ram: &self.ram,
-            flash: &self.flash,
-            shared: &self.shared,
-        };
-        self.fast.wait_for(pc, memory, self.now)
-    }
-
     /// Plain instructions on the fast path, the others one by one on the reference core.
     fn execute_fast(&mut self, limit: u64, mut drowsy: bool) {
         loop {
@@ -208,19 +135,27 @@ impl Board {
             self.now += cycles;
             self.shared.now.store(self.now, Relaxed);
             let asleep = self.cpu.is_asleep() || self.cpu.is_locked_up();
-            if asleep && drowsy {
+            if asleep && (drowsy || self.nothing_pends()) {
                 // Asleep before the step and after it: no pending interrupt wakes the core.
                 self.asleep = true;
-                break;
             }
             drowsy = asleep;
             // A core that slept before the step, and does after it, has executed nothing.
             let slept = asleep && self.cpu.pc() == pc;
             self.instructions += u64::from(!entered && !slept);
-            if self.now >= limit || self.shared.attention.load(Relaxed) || self.awaits_flash() {
+            if self.asleep
+                || self.now >= limit
+                || self.shared.attention.load(Relaxed)
+                || self.awaits_flash()
+            {
                 break;
             }
         }
+    }
+
+    /// Whether no exception waits that could wake the core.
+    fn nothing_pends(&self) -> bool {
+        self.shared.lines() == [0; _] && self.cpu.with_sys(|sys| sys.highest_pending().is_none())
     }
 
     fn execute_slowly(&mut self, limit: u64, mut drowsy: bool) {
@@ -328,23 +263,6 @@ impl Board {
         (cycles, entered)
     }
 
-    /// The first halfword of the instruction at an address.
-    fn instruction(&self, pc: u32) -> Option<u16> {
-        let word = self.read_word(pc & !3)?;
-        Some(if pc & 2 == 0 { word } else { word >> 16 } as u16)
-    }
-
-    /// Whether the last step was the entry into an exception handler and not an instruction: the
-    /// link register holds a return code and the program counter the handler's first address.
-    fn entered_exception(&self, regs: &Regs) -> bool {
-        let vector = self.cpu.vtor() + 4 * u32::from(regs.exception().0);
-        regs.in_handler()
-            && regs.r[14] >= 0xFFFF_FFE0
-            && self
-                .read_word(vector)
-                .is_some_and(|to| to & !1 == regs.r[15])
-    }
-
     /// Advances time while the core sleeps. SysTick and the cycle counter keep counting, as with
     /// the debug unit's DBG_SLEEP, which the HAL sets.
     fn sleep_to(&mut self, limit: u64) -> Result<(), Stop> {
@@ -399,15 +317,4 @@ impl Board {
         self.now = cycle;
         self.shared.now.store(cycle, Relaxed);
     }
-}
-
-/// Whether an instruction is one of LDREX, STREX and CLREX, by its first halfword (ARMv7-M ARM,
-/// A5.3).
-fn is_exclusive(half: u16) -> bool {
-    matches!(half & 0xFFE0, 0xE840 | 0xE8C0) || half == 0xF3BF
-}
-
-/// Whether an instruction is a coprocessor's, as those of the floating-point unit are (A5.3.18).
-fn is_coprocessor(half: u16) -> bool {
-    half & 0xEC00 == 0xEC00
 }

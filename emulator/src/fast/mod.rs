@@ -80,8 +80,12 @@ const NPRIV: u32 = 1;
 /// CCR: traps on unaligned accesses and on division by zero.
 const UNALIGN_TRP: u32 = 1 << 3;
 const DIV_0_TRP: u32 = 1 << 4;
-/// The registers of the interrupt controller but STIR (ARMv7-M ARM, table B3-8).
+/// The registers of the interrupt controller (ARMv7-M ARM, table B3-8), and the one of them that
+/// lies elsewhere: writing makes an interrupt pending.
 const NVIC: RangeInclusive<u32> = 0xE000_E100..=0xE000_E4EF;
+const STIR: u32 = 0xE000_EF00;
+/// Which exceptions wait, and which one is active.
+pub(crate) const ICSR: u32 = 0xE000_ED04;
 /// Cycles of a division or a square root in floating point (Cortex-M4 TRM, table 7-1).
 const DIVISION: u64 = 14;
 
@@ -267,13 +271,18 @@ impl Core {
             return false;
         }
         self.r = regs.r;
-        self.psr = regs.xpsr & !(xpsr::IT_MASK | FLAGS);
-        self.set_flags(regs.xpsr);
-        self.it = ((regs.xpsr >> 10 & 0x3F) << 2 | regs.xpsr >> 25 & 3) as u8;
+        self.set_status(regs.xpsr);
         self.primask = regs.primask;
         self.unmasked = false;
         self.io = false;
         true
+    }
+
+    /// Takes xPSR over.
+    fn set_status(&mut self, status: u32) {
+        self.psr = status & !(xpsr::IT_MASK | FLAGS);
+        self.set_flags(status);
+        self.it = ((status >> 10 & 0x3F) << 2 | status >> 25 & 3) as u8;
     }
 
     /// Instructions up to the limit or to what ends the session: how many, and what it was.
@@ -418,26 +427,30 @@ impl Core {
         Ok(())
     }
 
-    /// Reads a word of the interrupt controller or the cycle counter.
+    /// Reads a word of the interrupt controller, ICSR or the cycle counter.
     fn read_core(&mut self, memory: Memory<'_>, address: u32, width: Width) -> Result<u32, Leave> {
         if width != Width::U32
-            || !(NVIC.contains(&address) || address == DWT_CYCCNT)
+            || !(NVIC.contains(&address) || matches!(address, DWT_CYCCNT | ICSR))
             || address & 3 != 0
         {
             return Err(Leave);
         }
-        memory
-            .cpu
-            .with_sys(|sys| {
-                self.tick(sys);
-                sys.read_word(address, false)
-            })
-            .ok_or(Leave)
+        let value = memory.cpu.with_sys(|sys| {
+            self.tick(sys);
+            sys.read_word(address, false)
+        });
+        let active = if address == ICSR {
+            self.psr & xpsr::EXCEPTION
+        } else {
+            0
+        };
+        value.map(|value| value | active).ok_or(Leave)
     }
 
     /// Writes a word of the interrupt controller, after which an interrupt may have to be taken.
     fn write_core(&mut self, memory: Memory<'_>, address: u32, width: Width, value: u32) -> Done {
-        if width != Width::U32 || !NVIC.contains(&address) || address & 3 != 0 {
+        if width != Width::U32 || !(NVIC.contains(&address) || address == STIR) || address & 3 != 0
+        {
             return Err(Leave);
         }
         memory.cpu.with_sys(|sys| sys.write_word(address, value));

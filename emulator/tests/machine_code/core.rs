@@ -400,6 +400,7 @@ fn a_reservation_outlasts_a_masked_interrupt() {
         let handler = code.here();
         code.store(0x4001_3C14, 1); // EXTI_PR
         code.count(RAM);
+        code.0.extend([0xE854, 0x2F00]); // LDREX r2, [r4]: gone with the handler's end
         code.ret();
         let mut board = code.board_on(reference_core, handler);
         board.run_until(1_000_000).unwrap();

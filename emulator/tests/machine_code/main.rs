@@ -6,5 +6,6 @@
 mod blocks;
 mod code;
 mod core;
+mod exceptions;
 mod f103;
 mod peripherals;
