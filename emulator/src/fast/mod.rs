@@ -18,6 +18,7 @@
 
 mod code;
 mod dsp;
+mod exception;
 mod execute;
 mod float;
 mod micro;

@@ -147,14 +147,29 @@ impl Core {
                     }
                 }};
             }
-            // The floating-point registers, if the unit can be used.
-            macro_rules! float {
+            // The floating-point registers, if the unit is the present code's.
+            macro_rules! float_in_use {
                 () => {
                     if !self.fp_loaded || !self.fp_usable {
                         if !self.fp_usable {
                             leave!();
                         }
                         self.load_float(memory.cpu);
+                    }
+                };
+            }
+            // The same for an instruction that does not fail afterwards, which can claim the unit.
+            macro_rules! float {
+                () => {
+                    if !self.fp_loaded || !self.fp_usable {
+                        if self.fp_usable {
+                            self.load_float(memory.cpu);
+                        } else {
+                            match self.claim_float(memory) {
+                                Ok(cycles) => spend!(cycles),
+                                Err(Leave) => leave!(),
+                            }
+                        }
                     }
                 };
             }
@@ -181,7 +196,7 @@ impl Core {
                     done!(entry.and_then(|entry| self.execute(memory, &entry.insn, keep_flags)));
                 }
                 Op::Float => {
-                    float!();
+                    float_in_use!();
                     (self.cycles, self.now) = (0, now!());
                     let entry = page.entry(at);
                     done!(entry.and_then(|entry| self.execute(memory, &entry.insn, false)));
@@ -335,10 +350,15 @@ impl Core {
                 }
                 Op::BranchTo { m } => {
                     let to = self.get(m);
-                    if exchangeable(to).is_err() {
-                        leave!();
+                    if exchangeable(to).is_ok() {
+                        jump!(place(to));
+                    } else {
+                        (self.cycles, self.now) = (0, now!());
+                        let returns = self.return_by(memory, to, self.r[13]);
+                        done!(returns.map(|returns| self.take_frame(memory, returns)));
+                        next = place(self.r[15]);
+                        end!();
                     }
-                    jump!(place(to));
                 }
                 Op::BranchLinkTo { m } => {
                     let to = self.get(m);
@@ -461,6 +481,9 @@ impl Core {
                     done!(self.multiple(memory, load, n, list, wback, before));
                     if self.branched {
                         next = place(self.r[15]);
+                        if self.io {
+                            end!();
+                        }
                     }
                 }
 
@@ -518,7 +541,7 @@ impl Core {
                     self.set(t, self.fpu.s(m));
                 }
                 Op::FloatLoad { d, n, by } => {
-                    float!();
+                    float_in_use!();
                     let at = self.get(n).wrapping_add_signed(i32::from(by));
                     let offset = at.wrapping_sub(RAM_BASE);
                     if let Some(value) = memory.ram.read_aligned(offset, Width::U32) {
@@ -530,7 +553,7 @@ impl Core {
                     }
                 }
                 Op::FloatStore { d, n, by } => {
-                    float!();
+                    float_in_use!();
                     let at = self.get(n).wrapping_add_signed(i32::from(by));
                     let offset = at.wrapping_sub(RAM_BASE);
                     let value = self.fpu.s(d);

@@ -55,10 +55,18 @@ impl Core {
         }
         let target = if list >> 15 != 0 {
             let target = self.read_plain(memory, start.wrapping_add(4 * count - 4), Width::U32)?;
-            exchangeable(target)?;
             Some(target)
         } else {
             None
+        };
+        let returns = match target {
+            Some(target) if exchangeable(target).is_err() => {
+                if rn != 13 || !wback || list >> 13 & 1 != 0 {
+                    return Err(Leave);
+                }
+                Some(self.return_by(memory, target, moved)?)
+            }
+            _ => None,
         };
         if load && wback {
             self.set(rn, moved);
@@ -91,7 +99,10 @@ impl Core {
         }
         if let Some(target) = target {
             self.cycles += 1;
-            self.branch(target);
+            match returns {
+                Some(returns) => self.take_frame(memory, returns),
+                None => self.branch(target),
+            }
         }
         Ok(())
     }
