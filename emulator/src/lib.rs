@@ -78,7 +78,7 @@ mod trace;
 pub mod waveform;
 
 pub use bmi088::{Bmi088, GyroDefect};
-pub use board::{Board, BoardConfig, CoreRegisters, ResetCause, SerialPort};
+pub use board::{Board, BoardConfig, CoreRegisters, Outputs, ResetCause, SerialPort};
 pub use can::{CanError, CanFrame, CanId, CanPort, ErrorCounters};
 pub use chip::Chip;
 pub use defect::Defect;

@@ -11,11 +11,13 @@ mod can;
 mod copy;
 mod debug;
 mod follow;
+mod outputs;
 mod run;
 mod serial;
 mod step;
 
 pub use debug::CoreRegisters;
+pub use outputs::Outputs;
 pub use serial::SerialPort;
 
 use std::sync::Arc;
@@ -40,9 +42,8 @@ use crate::rtt::{Log, LogLine};
 use crate::soc::Soc;
 use crate::stop::{Stop, StopKind};
 use crate::system::flash::FlashOperations;
-use crate::system::gpio::{PinLevel, Port};
+use crate::system::gpio::Port;
 use crate::system::{flash, rcc};
-use crate::timer::PwmState;
 use crate::trace::{Trace, Traced};
 
 /// The settings that differ between boards.
@@ -339,25 +340,6 @@ impl Board {
     /// Connects a pin that the converters can measure to a voltage, from 0 V.
     pub fn set_analog(&mut self, port: Port, pin: u8, volts: f64) {
         self.shared.look(|soc| soc.set_analog(port, pin, volts));
-    }
-
-    /// How a pin drives the wire to which it is connected.
-    #[must_use]
-    pub fn output(&self, port: Port, pin: u8) -> PinLevel {
-        self.shared.look(|soc| soc.output(port, pin & 15))
-    }
-
-    /// State of a PWM output: timer 1..=14, channel 1..=4.
-    #[must_use]
-    pub fn pwm(&self, timer: usize, channel: usize) -> PwmState {
-        self.shared.look(|soc| soc.pwm(timer, channel))
-    }
-
-    /// The same of a complementary output, 1..=3, that is on without its main one.
-    #[must_use]
-    pub fn complementary_pwm(&self, timer: usize, channel: usize) -> PwmState {
-        self.shared
-            .look(|soc| soc.complementary_pwm(timer, channel))
     }
 
     /// Puts a gyro on SPI1, selected by a pin; it has just been switched on.

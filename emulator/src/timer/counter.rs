@@ -113,11 +113,11 @@ impl Timer {
             self.pass_filters(now);
         }
         while self.running() {
-            let tick = self.tick();
-            let ticks = now.saturating_sub(self.anchor) / tick;
-            if ticks == 0 {
+            let (tick, since) = (self.tick(), now.saturating_sub(self.anchor));
+            if since < tick {
                 return;
             }
+            let ticks = since / tick;
             let (turn, next_phase) = self.to_turn(self.phase);
             if ticks < turn {
                 self.flag_matches(self.phase, self.phase + ticks);

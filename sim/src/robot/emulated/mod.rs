@@ -421,41 +421,44 @@ impl EmulatedRobot {
     }
 
     fn look_at_bridges(&mut self) {
-        let high = |(port, pin): Pin| self.board.output(port, pin) == PinLevel::High;
-        let enabled = high(self.wiring.driver_enable);
-        let brake_released = high(self.wiring.brake_release);
-        if let Some(bus) = &self.drive_bus {
-            self.drives = bus.bridges(self.rates, self.supply, brake_released);
-            return;
-        }
-        self.drives = std::array::from_fn(|wheel| {
-            let [first, second] = self.wiring.channels[wheel];
-            let duty = |Channel {
-                            timer,
-                            number,
-                            complementary,
-                        }| {
-                f64::from(if complementary {
-                    self.board.complementary_pwm(timer, number).duty
-                } else {
-                    self.board.pwm(timer, number).duty
-                })
-            };
-            let levels = Levels {
-                enabled,
-                pwm: duty(first),
-                direction: match self.wiring.directions {
-                    Some(pins) => u8::from(high(pins[wheel])).into(),
-                    None => duty(second),
-                },
-                inverse: self.wiring.inverse.is_some_and(|pins| high(pins[wheel])),
-            };
-            let output = bridge::output(self.driver, &levels);
-            Bridge {
-                duty: output.unwrap_or(0.0),
-                enabled: output.is_some(),
-                brake_released,
+        let (wiring, driver) = (&self.wiring, self.driver);
+        let (rates, supply, bus) = (self.rates, self.supply, &self.drive_bus);
+        self.drives = self.board.outputs(|outputs| {
+            let mut high = |(port, pin): Pin| outputs.level(port, pin) == PinLevel::High;
+            let enabled = high(wiring.driver_enable);
+            let brake_released = high(wiring.brake_release);
+            if let Some(bus) = bus {
+                return bus.bridges(rates, supply, brake_released);
             }
+            let mut levels_of = |pins: Option<[Pin; 4]>| pins.map(|pins| pins.map(&mut high));
+            let (directions, inverse) = (levels_of(wiring.directions), levels_of(wiring.inverse));
+            let mut duty = |channel: Channel| {
+                let (timer, number) = (channel.timer, channel.number);
+                let state = if channel.complementary {
+                    outputs.complementary_pwm(timer, number)
+                } else {
+                    outputs.pwm(timer, number)
+                };
+                f64::from(state.duty)
+            };
+            std::array::from_fn(|wheel| {
+                let [first, second] = wiring.channels[wheel];
+                let levels = Levels {
+                    enabled,
+                    pwm: duty(first),
+                    direction: match directions {
+                        Some(levels) => u8::from(levels[wheel]).into(),
+                        None => duty(second),
+                    },
+                    inverse: inverse.is_some_and(|levels| levels[wheel]),
+                };
+                let output = bridge::output(driver, &levels);
+                Bridge {
+                    duty: output.unwrap_or(0.0),
+                    enabled: output.is_some(),
+                    brake_released,
+                }
+            })
         });
     }
 
