@@ -357,7 +357,17 @@ impl Board {
     /// switched to the timer, later by the delay of the inputs' filters, for which every edge is
     /// assumed to last. For edges with their bounce there is [`Board::set_input`].
     pub fn encoder_add(&mut self, timer: usize, edges: i32) {
-        self.shared.with(|soc| soc.encoder_add(timer, edges));
+        self.encoders_add([(timer, edges)]);
+    }
+
+    /// The same of several encoders: timers and edges.
+    pub fn encoders_add(&mut self, turned: impl IntoIterator<Item = (usize, i32)>) {
+        self.shared.with(|soc| {
+            for (timer, edges) in turned {
+                soc.encoder_add(timer, edges);
+            }
+            soc.settle();
+        });
     }
 
     /// The connector of CAN1.

@@ -19,7 +19,8 @@ const MODES: u32 = 0x07C0_0000;
 /// FPSCR: numbers below the normal range count as zero.
 const FZ: u32 = 1 << 24;
 const EXPONENT: u32 = 0xFF << 23;
-const SIGN: u32 = 1 << 31;
+/// The sign of a number.
+pub(super) const SIGN: u32 = 1 << 31;
 
 /// Neither infinite nor NaN.
 #[inline(always)]

@@ -8,6 +8,8 @@
 //! without a micro-operation of its own is [`Op::Other`], the decoded instruction, executed by
 //! `execute.rs`, `transfer.rs` and `float.rs`.
 
+use crate::memory_map::FLASH_BASE;
+
 /// Registers: `d` result, `n` and `m` operands, `t` transferred.
 #[rustfmt::skip] // one line each, as a table
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -135,4 +137,16 @@ pub(super) enum Op {
     FloatMulAdd { d: u8, n: u8, m: u8 },
     FloatMulSub { d: u8, n: u8, m: u8 },
     FloatFlags,
+}
+
+/// So many ones, 1 to 32.
+#[inline(always)]
+pub(super) fn mask(width: u8) -> u32 {
+    u32::MAX >> (32_u8.wrapping_sub(width) & 31)
+}
+
+/// Offset in the flash of one in the page that begins at `base`.
+#[inline(always)]
+pub(super) fn offset(base: u32, at: u16) -> u32 {
+    base.wrapping_sub(FLASH_BASE).wrapping_add(u32::from(at))
 }

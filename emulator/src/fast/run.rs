@@ -9,7 +9,8 @@
 use rsemu::core::value::Width;
 
 use super::code::Page;
-use super::micro::Op;
+use super::float::SIGN;
+use super::micro::{Op, mask, offset};
 use super::translate::PAGE;
 use super::{Core, Done, Leave, Memory, advanced, exchangeable};
 use crate::memory_map::{FLASH_BASE, RAM_BASE};
@@ -164,11 +165,10 @@ impl Core {
                     if !self.fp_loaded || !self.fp_usable {
                         if self.fp_usable {
                             self.load_float(memory.cpu);
+                        } else if let Ok(cycles) = self.claim_float(memory) {
+                            spend!(cycles);
                         } else {
-                            match self.claim_float(memory) {
-                                Ok(cycles) => spend!(cycles),
-                                Err(Leave) => leave!(),
-                            }
+                            leave!();
                         }
                     }
                 };
@@ -597,19 +597,4 @@ impl Core {
         *instructions += count % CYCLE;
         result
     }
-}
-
-/// The sign of a number.
-const SIGN: u32 = 1 << 31;
-
-/// So many ones, 1 to 32.
-#[inline(always)]
-fn mask(width: u8) -> u32 {
-    u32::MAX >> (32_u8.wrapping_sub(width) & 31)
-}
-
-/// Offset in the flash of one in the page that begins at `base`.
-#[inline(always)]
-fn offset(base: u32, at: u16) -> u32 {
-    base.wrapping_sub(FLASH_BASE).wrapping_add(u32::from(at))
 }

@@ -73,7 +73,7 @@ impl Core {
         }
         let mut left = list & 0x7FFF;
         if let Some(mut offset) = in_ram {
-            self.cycles += u64::from(left.count_ones());
+            self.cycles += u64::from(count - u32::from(list >> 15));
             while left != 0 {
                 let register = left.trailing_zeros() as u8;
                 left &= left - 1;

@@ -168,7 +168,6 @@ impl Soc {
         if (1..=14).contains(&timer) && wired(1) && wired(2) && self.timer_clocked(timer) {
             self.timers[timer].encoder_add(self.now, edges);
             self.trace_encoder(timer);
-            self.settle();
         }
     }
 

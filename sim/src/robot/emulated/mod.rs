@@ -278,16 +278,11 @@ impl EmulatedRobot {
         } else if self.pending_index != [None; 4] {
             self.pulse(time_ns)?;
         }
-        for (timer, counts) in self
-            .wiring
-            .encoder_timers
-            .into_iter()
-            .zip(&mut self.pending_counts)
-        {
-            if *counts != 0 {
-                self.board.encoder_add(timer, *counts);
-                *counts = 0;
-            }
+        if self.pending_counts != [0; 4] {
+            let counts = std::mem::take(&mut self.pending_counts);
+            let turned = self.wiring.encoder_timers.into_iter().zip(counts);
+            self.board
+                .encoders_add(turned.filter(|turned| turned.1 != 0));
         }
         self.turn_by_edges(time_ns)?;
         self.run_drive_bus(time_ns)?;
