@@ -8,9 +8,8 @@
 //!   of FPSCR. Entry leaves FPSCR alone; the handler's first floating-point instruction saves it
 //!   (B1.5.7). rsemu overwrites it on entry, before it is saved: it is restored. The handler should
 //!   then have the modes of FPDSCR, which are zero in both.
-//! - ICSR has the number of the active exception (VECTACTIVE, B3.2.4), by which a program knows that
-//!   it runs in a handler. rsemu reads zero: what a plain load of it gives is corrected, but not
-//!   what one of several words gives.
+//! - ICSR has the number of the active exception (VECTACTIVE, B3.2.4), by which a program knows in
+//!   which handler it is. rsemu reads zero: what a load of it into one register gives is corrected.
 
 use rsemu::core::value::Width;
 use rsemu::cpu::arm::v7m::isa::{self, Cond, Insn, MemOffset, Size};

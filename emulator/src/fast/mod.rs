@@ -5,9 +5,10 @@
 //! an instruction. Nearly all instructions are plain: arithmetic, branches, loads, stores, floating
 //! point. The fast path executes those on a copy of the registers, in *sessions*. A session begins
 //! when no interrupt can be taken. It ends before any instruction that is not plain, without having
-//! changed anything for it: exception return, sleep, special registers, an access that would fault,
-//! one to the core's own peripherals other than the interrupt controller and the cycle counter. The
-//! reference core then executes that one step.
+//! changed anything for it: sleep, special registers, an access that would fault, one to the core's
+//! own peripherals other than the interrupt controller, ICSR and the cycle counter, the return from
+//! a handler where anything but the main stack's frame is to be looked at. The reference core then
+//! executes that one step, and it enters the handlers.
 //!
 //! Interrupts can only come from a peripheral or from a write to the interrupt controller.
 //! Peripherals change only at the limit that the caller gives or by an access of the session, which
