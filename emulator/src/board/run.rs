@@ -135,10 +135,8 @@ impl Board {
             self.now += cycles;
             self.shared.now.store(self.now, Relaxed);
             let asleep = self.cpu.is_asleep() || self.cpu.is_locked_up();
-            if asleep && (drowsy || self.nothing_pends()) {
-                // Asleep before the step and after it: no pending interrupt wakes the core.
-                self.asleep = true;
-            }
+            // Asleep before the step and after it: no pending interrupt wakes the core.
+            self.asleep = asleep && (drowsy || self.nothing_pends());
             drowsy = asleep;
             // A core that slept before the step, and does after it, has executed nothing.
             let slept = asleep && self.cpu.pc() == pc;
@@ -165,15 +163,16 @@ impl Board {
             let (cycles, entered) = self.step();
             self.now += cycles;
             self.shared.now.store(self.now, Relaxed);
-            let asleep = cycles == 1 && (self.cpu.is_asleep() || self.cpu.is_locked_up());
-            if asleep && drowsy {
-                self.asleep = true;
-                break;
-            }
+            let asleep = self.cpu.is_asleep() || self.cpu.is_locked_up();
+            self.asleep = asleep && (drowsy || self.nothing_pends());
             drowsy = asleep;
             let slept = asleep && self.cpu.pc() == pc;
             self.instructions += u64::from(!entered && !slept);
-            if self.now >= limit || self.shared.attention.load(Relaxed) || self.awaits_flash() {
+            if self.asleep
+                || self.now >= limit
+                || self.shared.attention.load(Relaxed)
+                || self.awaits_flash()
+            {
                 break;
             }
         }
@@ -210,8 +209,9 @@ impl Board {
                 };
                 profile.count(&self.firmware, at, cost, entered);
             }
+            self.asleep = self.cpu.is_asleep() && self.nothing_pends();
             let attention = self.shared.attention.load(Relaxed) || self.awaits_flash();
-            if self.debugger.done(&self.ram) || attention {
+            if self.debugger.done(&self.ram) || attention || self.asleep {
                 break;
             }
         }
