@@ -254,7 +254,8 @@ proptest! {
     #[test]
     fn no_order_brings_the_vehicle_down(
         places in prop::collection::vec((any::<prop::sample::Index>(), any_json()), 1..4),
-        version in 0_usize..3, busy in any::<bool>(), update in 0_usize..3, instant in any::<bool>(),
+        version in 0_usize..3, busy in any::<bool>(), update in 0_usize..3,
+        instant in any::<bool>(),
     ) {
         let mut vehicle = STANDING_AND_DRIVING[version][usize::from(busy)].clone();
         let mut message = UPDATES[update].clone();
