@@ -56,8 +56,9 @@ impl Core {
         let handler = Exception((self.psr & xpsr::EXCEPTION) as u16);
         // A line that is still up makes its exception pending again.
         let is_up = handler.0.checked_sub(16).is_some_and(|line| {
-            let word = memory.shared.lines()[usize::from(line / 32)];
-            word >> (line % 32) & 1 != 0
+            let lines = memory.shared.lines();
+            let word = lines.get(usize::from(line / 32)).copied();
+            word.unwrap_or(0) >> (line % 32) & 1 != 0
         });
         let is_plain = memory.cpu.with_sys(|sys| {
             sys.is_active(handler)
