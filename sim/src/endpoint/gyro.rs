@@ -16,8 +16,8 @@ use std::io;
 
 use serde::Serialize;
 
-use super::Endpoint;
 use super::json_lines::{JsonLines, line};
+use super::{Endpoint, Listener};
 use crate::gyro::GyroSample;
 use crate::world::World;
 
@@ -80,6 +80,10 @@ impl Endpoint for GyroServer {
             world.now(),
         );
         Ok(())
+    }
+
+    fn listener(&self) -> Option<&Listener> {
+        Some(self.lines.listener())
     }
 }
 

@@ -37,6 +37,11 @@ impl JsonLines {
         self.listener.address()
     }
 
+    /// Where clients connect.
+    pub fn listener(&self) -> &Listener {
+        &self.listener
+    }
+
     /// Hands these lines to all, and the last one to new clients. It is `now`.
     pub fn send(&mut self, lines: impl Iterator<Item = String>, now: Micros) {
         let lines: Vec<String> = lines.collect();

@@ -43,6 +43,7 @@ use std::time::Duration;
 use canopen::Micros;
 
 use crate::world::World;
+pub use stream::Listener;
 
 /// A way into the world for programs outside.
 pub trait Endpoint {
@@ -62,8 +63,14 @@ pub trait Endpoint {
         None
     }
 
-    /// Waits until a program has said something, and so long at most. For one that holds time.
-    fn wait(&self, most: Duration) {
+    /// Where its clients connect.
+    fn listener(&self) -> Option<&Listener> {
+        None
+    }
+
+    /// Waits until a program has said something, or one has connected to one of these, and so long
+    /// at most. For one that holds time.
+    fn wait(&self, _listeners: &[&Listener], most: Duration) {
         std::thread::sleep(most);
     }
 }

@@ -20,8 +20,8 @@ use std::io;
 use kinematics::Pose;
 use serde::Serialize;
 
-use super::Endpoint;
 use super::json_lines::{JsonLines, line};
+use super::{Endpoint, Listener};
 use crate::truth::TruthSample;
 use crate::world::World;
 
@@ -95,6 +95,10 @@ impl Endpoint for PoseServer {
         let samples = world.take_observed();
         self.0.send(samples.iter().map(sample_line), world.now());
         Ok(())
+    }
+
+    fn listener(&self) -> Option<&Listener> {
+        Some(self.0.listener())
     }
 }
 

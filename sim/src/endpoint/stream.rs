@@ -97,19 +97,18 @@ impl<S: Read + Write> Pipe<S> {
 
 /// A TCP address that clients connect to.
 #[derive(Debug)]
-pub(super) struct Listener {
+pub struct Listener {
     socket: TcpListener,
     address: SocketAddr,
     asked: Micros,
     looked: Micros,
-    /// Whether a client was there at the end of the last wait, if there was one since the last
-    /// look.
+    /// Whether a client was there when a wait ended because something had come; not for long.
     knocked: Cell<Option<bool>>,
 }
 
 impl Listener {
     /// Listens; port 0 picks a free one.
-    pub fn bind(address: &str) -> io::Result<Self> {
+    pub(super) fn bind(address: &str) -> io::Result<Self> {
         let socket = TcpListener::bind(address)?;
         socket.set_nonblocking(true)?;
         Ok(Self {
@@ -122,25 +121,25 @@ impl Listener {
     }
 
     /// Where it listens.
-    pub fn address(&self) -> SocketAddr {
+    pub(super) fn address(&self) -> SocketAddr {
         self.address
     }
 
-    /// Whether to look for new clients. Always when time stands: it may stand for one of them.
-    pub fn is_time_to_look(&mut self, now: Micros) -> bool {
-        let looks = now == self.asked || now.0 >= self.looked.0 + LOOK.0;
+    /// Whether to look for new clients, and for those that have gone. When time stands, it may
+    /// stand for one of them: always, unless the last wait has seen that nobody is there.
+    pub(super) fn is_time_to_look(&mut self, now: Micros) -> bool {
+        let stands = now == self.asked;
         self.asked = now;
-        if looks {
+        let is_alone = stands && self.knocked.take() == Some(false);
+        let is_due = stands || now.0 >= self.looked.0 + LOOK.0;
+        if is_due {
             self.looked = now;
         }
-        looks
+        is_due && !is_alone
     }
 
     /// The next client that has connected.
-    pub fn accept(&self) -> Option<Pipe<TcpStream>> {
-        if self.knocked.take() == Some(false) {
-            return None;
-        }
+    pub(super) fn accept(&self) -> Option<Pipe<TcpStream>> {
         while let Ok((stream, _)) = self.socket.accept() {
             // One that is gone already is no client.
             if stream.set_nonblocking(true).is_ok() && stream.set_nodelay(true).is_ok() {
@@ -250,21 +249,30 @@ impl<C: Client> Endpoint for Server<C> {
         C::limit(self.clients.iter().map(|(_, client)| client), now)
     }
 
+    fn listener(&self) -> Option<&Listener> {
+        Some(&self.listener)
+    }
+
     #[cfg(unix)]
-    fn wait(&self, most: Duration) {
+    fn wait(&self, listeners: &[&Listener], most: Duration) {
         use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
-        let clients = self.clients.iter().map(|(pipe, _)| pipe.stream());
-        let mut all: Vec<_> = clients
-            .map(|stream| PollFd::new(stream, PollFlags::IN))
+        let talking = self.clients.iter().filter(|(_, client)| client.may_talk());
+        let sockets = listeners
+            .iter()
+            .map(|one| PollFd::new(&one.socket, PollFlags::IN));
+        let mut all: Vec<_> = sockets
+            .chain(talking.map(|(pipe, _)| PollFd::new(pipe.stream(), PollFlags::IN)))
             .collect();
-        all.push(PollFd::new(&self.listener.socket, PollFlags::IN));
         // Whether there is anything, within a time.
         let mut come = |within: &Timespec| {
-            let come = poll(&mut all, Some(within)) != Ok(0);
-            let knocked = all.last().map(|listener| !listener.revents().is_empty());
-            self.listener.knocked.set(knocked.filter(|_| come));
-            come
+            let come = poll(&mut all, Some(within));
+            let is_known = come.is_ok_and(|count| count > 0);
+            for (listener, socket) in listeners.iter().zip(&all) {
+                let knocked = is_known.then(|| !socket.revents().is_empty());
+                listener.knocked.set(knocked);
+            }
+            come != Ok(0)
         };
         // A program that works with the world answers within microseconds, and a core that has gone
         // to sleep takes longer to wake up.

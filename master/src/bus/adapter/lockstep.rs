@@ -21,8 +21,9 @@ const PATIENCE: Duration = Duration::from_secs(3);
 /// How long to look for an answer before sleeping.
 const SOON: Duration = Duration::from_micros(100);
 /// After how many answers to look again when one did not come soon: perhaps the simulator can only
-/// work while this end sleeps.
+/// work while this end sleeps. Twice as many each time, up to the most.
 const RESTS: u32 = 32;
+const MOST_RESTS: u32 = 1024;
 
 /// A connection to the simulator.
 pub struct LockstepLink {
@@ -31,8 +32,9 @@ pub struct LockstepLink {
     output: BufWriter<TcpStream>,
     now: Micros,
     received: VecDeque<(Micros, Frame)>,
-    /// For how many answers not to look; see [`RESTS`].
+    /// For how many answers not to look, and for how many the next time; see [`RESTS`].
     rests: u32,
+    next_rests: u32,
 }
 
 /// Connects to `HOST:PORT`.
@@ -49,6 +51,7 @@ pub(super) fn open(bus: String, address: &str) -> io::Result<LockstepLink> {
         now: Micros(0),
         received: VecDeque::new(),
         rests: 0,
+        next_rests: RESTS,
     };
     if link.line()? != GREETING {
         return Err(io::Error::other(
@@ -69,7 +72,8 @@ impl LockstepLink {
             self.rests = fewer;
             return Ok(());
         }
-        self.rests = RESTS;
+        self.rests = self.next_rests;
+        self.next_rests = MOST_RESTS.min(2 * self.rests);
         let stream = self.input.get_ref();
         stream.set_nonblocking(true)?;
         let began = Instant::now();
@@ -77,7 +81,7 @@ impl LockstepLink {
             match stream.peek(&mut [0]) {
                 Err(error) if error.kind() == io::ErrorKind::WouldBlock => std::hint::spin_loop(),
                 _ => {
-                    self.rests = 0;
+                    (self.rests, self.next_rests) = (0, RESTS);
                     break;
                 }
             }

@@ -73,7 +73,8 @@ impl Bench {
                 continue;
             };
             if limit <= now {
-                endpoint.wait(HELD);
+                let listeners = self.endpoints.iter().filter_map(|one| one.listener());
+                endpoint.wait(&listeners.collect::<Vec<_>>(), HELD);
                 self.served_ns = 0;
                 return Ok(());
             }

@@ -176,7 +176,8 @@ fn run(
         if to <= now {
             let mut all = endpoints.iter();
             if let Some(held) = all.find(|one| one.limit(now).is_some_and(|to| to <= now)) {
-                held.wait(HELD);
+                let listeners = endpoints.iter().filter_map(|one| one.listener());
+                held.wait(&listeners.collect::<Vec<_>>(), HELD);
             }
             continue;
         }
