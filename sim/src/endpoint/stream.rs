@@ -298,3 +298,46 @@ impl<C: Client> Endpoint for Server<C> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use group::GroupFile;
+
+    use super::super::lockstep::{LockstepServer, Session};
+    use super::*;
+    use crate::robot::Backend;
+    use crate::world::Options;
+
+    const WHILE: Duration = Duration::from_secs(5);
+
+    /// While time stands, a wait knows of all doors: whoever comes to one is let in at once, and
+    /// where nobody is, nobody is looked for.
+    #[test]
+    fn a_wait_knows_who_is_at_which_door() {
+        let group = GroupFile::load("../groups/tcc-2.toml").unwrap();
+        let mut world = World::new(&group, Backend::Native, Options::default()).unwrap();
+        world.run_until(Micros(100_000)).unwrap();
+        let mut held: LockstepServer = Server::<Session>::bind("127.0.0.1:0").unwrap();
+        let mut other = Listener::bind("127.0.0.1:0").unwrap();
+        let now = world.now();
+        assert!(other.is_time_to_look(now), "long since the last look");
+        assert!(other.is_time_to_look(now), "nothing is known");
+
+        let mut client = TcpStream::connect(held.listener.address()).unwrap();
+        held.exchange(&mut world).unwrap();
+        assert_eq!(held.clients.len(), 1);
+        client.write_all(b"w0\n").unwrap();
+        held.wait(&[&held.listener, &other], WHILE);
+        assert!(!other.is_time_to_look(now), "only the client has spoken");
+        assert!(other.is_time_to_look(now), "known once");
+
+        let _late = TcpStream::connect(other.address()).unwrap();
+        held.wait(&[&held.listener, &other], WHILE);
+        assert!(other.is_time_to_look(now));
+        assert!(other.accept().is_some());
+
+        held.exchange(&mut world).unwrap();
+        held.wait(&[&held.listener, &other], Duration::ZERO);
+        assert!(other.is_time_to_look(now), "nothing came: all are asked");
+    }
+}
