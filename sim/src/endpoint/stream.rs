@@ -126,7 +126,7 @@ impl Listener {
     }
 
     /// Whether to look for new clients, and for those that have gone. When time stands, it may
-    /// stand for one of them: always, unless the last wait has seen that nobody is there.
+    /// stand for one of them: always, unless the last wait has seen that there is no new one.
     pub(super) fn is_time_to_look(&mut self, now: Micros) -> bool {
         let stands = now == self.asked;
         self.asked = now;
@@ -310,10 +310,10 @@ mod tests {
 
     const WHILE: Duration = Duration::from_secs(5);
 
-    /// While time stands, a wait knows of all doors: whoever comes to one is let in at once, and
-    /// where nobody is, nobody is looked for.
+    /// While time stands, a wait sees new clients of all endpoints: they are accepted at once, and
+    /// where there are none the system is not asked for one.
     #[test]
-    fn a_wait_knows_who_is_at_which_door() {
+    fn a_wait_sees_new_clients_of_all_endpoints() {
         let group = GroupFile::load("../groups/tcc-2.toml").unwrap();
         let mut world = World::new(&group, Backend::Native, Options::default()).unwrap();
         world.run_until(Micros(100_000)).unwrap();
