@@ -139,6 +139,9 @@ class World:
         self.robots = robots
         self.model = mujoco.MjModel.from_xml_string(model(options, robots, self.phases))
         self.data = mujoco.MjData(self.model)
+        # Views, which stay the data's.
+        self.speeds, self.angles = self.data.qvel, self.data.qpos
+        self.places, self.frames = self.data.xpos, self.data.xmat
         self.longest = options.step
         joints = [[self.model.joint(f"wheel_{r}_{w}") for w in range(4)] for r in range(len(robots))]
         self.speed = [[int(joint.dofadr[0]) for joint in four] for four in joints]
@@ -150,12 +153,12 @@ class World:
         # It settles on its wheels before the first step.
         for _ in range(int(0.2 / options.step)):
             mujoco.mj_step(self.model, self.data)
-        self.before = [[self.data.qpos[a] for a in four] for four in self.angle]
+        self.before = [[self.angles.item(a) for a in four] for four in self.angle]
 
     def set_rates(self, rates):
         for addresses, four in zip(self.speed, rates):
             for address, rate in zip(addresses, four):
-                self.data.qvel[address] = rate
+                self.speeds[address] = rate
 
     def step(self, dt, rates):
         count = max(1, math.ceil(dt / self.longest - 1e-9))
@@ -166,14 +169,12 @@ class World:
         mujoco.mj_kinematics(self.model, self.data)
         poses = []
         for index, body in enumerate(self.chassis):
-            frame = self.data.xmat[body]
-            yaw = math.atan2(frame[3], frame[0])
+            yaw = math.atan2(self.frames.item(body, 3), self.frames.item(body, 0))
             turned = math.remainder(yaw - self.heading[index], math.tau)
             self.heading[index] += turned
-            x, y, _ = self.data.xpos[body]
-            poses.append([float(x), float(y), self.heading[index]])
+            poses.append([self.places.item(body, 0), self.places.item(body, 1), self.heading[index]])
         angles = [
-            [float(self.data.qpos[a] - b) for a, b in zip(four, zero)] for four, zero in zip(self.angle, self.before)
+            [self.angles.item(a) - b for a, b in zip(four, zero)] for four, zero in zip(self.angle, self.before)
         ]
         return {"wheel_angle": angles, "pose": poses}
 
