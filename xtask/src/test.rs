@@ -10,7 +10,8 @@ use crate::{cargo, firmware};
 
 /// The libraries whose own tests are run once more as a kit has them: in fixed point, and without
 /// updates. With the libraries that have been compiled for the others.
-const KIT_LIBRARIES: [&str; 7] = [
+const KIT_LIBRARIES: [&str; 8] = [
+    "test",
     "--package=omnibus-control",
     "--package=omnibus-robot",
     "--package=xtask-features",
@@ -100,15 +101,16 @@ fn run_all(rest: &[String]) -> anyhow::Result<()> {
     programs::on_all_cores(tests?, &images)
 }
 
-/// All test programs, built, and the tests in documents.
+/// All test programs, built, and the tests that build on one core what they run: those in documents
+/// and those of a kit's libraries.
 fn tests() -> anyhow::Result<Vec<Program>> {
+    let mut all = programs::build(&mut cargo::tested("test"))?;
     let mut documents = cargo::tested("test");
     documents.arg("--doc");
-    let mut all = vec![Program::new("documents", documents)];
-    all.extend(programs::build(&mut cargo::tested("test"))?);
-    let mut of_kit = cargo::command();
-    of_kit.arg("test").args(KIT_LIBRARIES);
-    all.extend(programs::build(&mut of_kit)?);
+    all.push(Program::new("documents", documents));
+    let mut libraries = cargo::command();
+    libraries.args(KIT_LIBRARIES);
+    all.push(Program::new("libraries of a kit", libraries));
     Ok(all)
 }
 
