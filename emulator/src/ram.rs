@@ -78,38 +78,26 @@ impl Ram {
     /// outside.
     #[inline(always)]
     pub(crate) fn read_aligned(&self, offset: u32, width: Width) -> Option<u32> {
-        let bytes = width.bytes() as u32;
+        let bytes = bytes(width);
         if offset >= self.size || offset & (bytes - 1) != 0 {
             return None;
         }
         let word = self.at(offset).load(Relaxed);
-        Some(match width {
-            Width::U8 => word >> (8 * (offset & 3)) & 0xFF,
-            Width::U16 => word >> (8 * (offset & 2)) & 0xFFFF,
-            _ => word,
-        })
+        Some(word >> (8 * (offset & 3)) & ones(bytes))
     }
 
     /// Writes the low `width` bytes of a value at an aligned offset; `None` when unaligned or
     /// outside.
     #[inline(always)]
     pub(crate) fn write_aligned(&self, offset: u32, width: Width, value: u32) -> Option<()> {
-        let bytes = width.bytes() as u32;
+        let bytes = bytes(width);
         if offset >= self.size || offset & (bytes - 1) != 0 {
             return None;
         }
         let cell = self.at(offset);
-        let (shift, mask) = match width {
-            Width::U8 => (8 * (offset & 3), 0xFF),
-            Width::U16 => (8 * (offset & 2), 0xFFFF),
-            _ => (0, u32::MAX),
-        };
-        let word = if mask == u32::MAX {
-            value
-        } else {
-            cell.load(Relaxed) & !(mask << shift) | (value & mask) << shift
-        };
-        cell.store(word, Relaxed);
+        let (shift, mask) = (8 * (offset & 3), ones(bytes));
+        let unchanged = cell.load(Relaxed) & !(mask << shift);
+        cell.store(unchanged | (value & mask) << shift, Relaxed);
         Some(())
     }
 
@@ -184,6 +172,19 @@ impl MemOps for Ram {
     fn constraints(&self) -> AccessConstraints {
         AccessConstraints::ANY
     }
+}
+
+/// Bytes of an access. Neither this nor the next one has a branch for each width: accesses of all
+/// widths pass here in one loop.
+#[inline(always)]
+fn bytes(width: Width) -> u32 {
+    1 << (width as u32 & 3)
+}
+
+/// Ones in the lowest bytes of a word, in all of it from 4 on.
+#[inline(always)]
+fn ones(bytes: u32) -> u32 {
+    u32::MAX >> (32_u32.wrapping_sub(8 * bytes) & 31)
 }
 
 #[cfg(test)]

@@ -10,6 +10,7 @@ use rsemu::cpu::arm::v7m::isa::{
 };
 use rsemu::cpu::arm::v7m::xpsr;
 
+use super::micro::{REGISTERS, Z};
 use super::{Core, Done, Leave, Memory, exchangeable};
 
 /// PRIMASK's number for MRS and MSR.
@@ -53,13 +54,13 @@ pub(super) fn shift(kind: ShiftType, value: u32, amount: u32, carry: bool) -> (u
 }
 
 impl Core {
-    fn carry(&self) -> bool {
+    pub(super) fn carry(&self) -> bool {
         self.c
     }
 
     /// The flags as in xPSR and FPSCR.
     pub(super) fn flags(&self) -> u32 {
-        let zero = if self.z == 0 { xpsr::Z } else { 0 };
+        let zero = if self.z() == 0 { xpsr::Z } else { 0 };
         let carry = if self.c { xpsr::C } else { 0 };
         let overflow = if self.v >> 31 != 0 { xpsr::V } else { 0 };
         self.n & xpsr::N | zero | carry | overflow
@@ -68,7 +69,7 @@ impl Core {
     /// Takes them over from there.
     pub(super) fn set_flags(&mut self, from: u32) {
         self.n = from;
-        self.z = !from & xpsr::Z;
+        self.r[usize::from(Z)] = !from & xpsr::Z;
         self.c = from & xpsr::C != 0;
         self.v = from << 3;
     }
@@ -77,13 +78,13 @@ impl Core {
     #[inline(always)]
     pub(super) fn passes(&self, cond: u8) -> bool {
         let holds = match cond >> 1 {
-            0 => self.z == 0,
+            0 => self.z() == 0,
             1 => self.c,
             2 => self.n >> 31 != 0,
             3 => self.v >> 31 != 0,
-            4 => self.c && self.z != 0,
+            4 => self.c && self.z() != 0,
             5 => (self.n ^ self.v) >> 31 == 0,
-            6 => (self.n ^ self.v) >> 31 == 0 && self.z != 0,
+            6 => (self.n ^ self.v) >> 31 == 0 && self.z() != 0,
             _ => return true,
         };
         holds != (cond & 1 != 0)
@@ -91,7 +92,20 @@ impl Core {
 
     #[inline(always)]
     pub(super) fn set_nz(&mut self, result: u32) {
-        (self.n, self.z) = (result, result);
+        (self.n, self.r[usize::from(Z)]) = (result, result);
+    }
+
+    #[inline(always)]
+    fn z(&self) -> u32 {
+        self.r[usize::from(Z)]
+    }
+
+    /// Sets them or leaves them, without a branch.
+    #[inline(always)]
+    pub(super) fn set_nz_if(&mut self, flags: bool, result: u32) {
+        let mask = u32::from(flags).wrapping_neg();
+        self.n ^= (self.n ^ result) & mask;
+        self.r[usize::from(Z)] ^= (self.z() ^ result) & mask;
     }
 
     #[inline(always)]
@@ -112,7 +126,7 @@ impl Core {
 
     #[inline(always)]
     pub(super) fn set(&mut self, register: u8, value: u32) {
-        self.r[usize::from(register & 15)] = value;
+        self.r[usize::from(register) % REGISTERS] = value;
     }
 
     /// Writes a register and the flags N and Z.
@@ -124,7 +138,7 @@ impl Core {
 
     #[inline(always)]
     pub(super) fn get(&self, register: u8) -> u32 {
-        self.r[usize::from(register & 15)]
+        self.r[usize::from(register) % REGISTERS]
     }
 
     /// Executes one instruction. `keep_flags`: a 16-bit instruction in an IT block, which sets no

@@ -79,18 +79,14 @@ impl Core {
         (self.like_host() && finite(a) && finite(b) && finite(result)).then_some(result)
     }
 
+    /// A sum, or `a` less `b`.
     #[inline(always)]
-    pub(super) fn sum(&mut self, a: u32, b: u32) -> u32 {
-        let result = f32::from_bits(a) + f32::from_bits(b);
-        self.sum_by_host(a, b, result)
-            .unwrap_or_else(|| self.by_unit(a, b, fp::add))
-    }
-
-    #[inline(always)]
-    pub(super) fn difference(&mut self, a: u32, b: u32) -> u32 {
-        let result = f32::from_bits(a) - f32::from_bits(b);
-        self.sum_by_host(a, b, result)
-            .unwrap_or_else(|| self.by_unit(a, b, fp::sub))
+    pub(super) fn sum(&mut self, a: u32, b: u32, subtracts: bool) -> u32 {
+        let result = f32::from_bits(a) + f32::from_bits(b ^ u32::from(subtracts) << 31);
+        self.sum_by_host(a, b, result).unwrap_or_else(|| {
+            let operation = if subtracts { fp::sub } else { fp::add };
+            self.by_unit(a, b, operation)
+        })
     }
 
     #[inline(always)]
@@ -295,8 +291,8 @@ impl Core {
     fn arithmetic(&mut self, op: DataOp, d: u8, n: u8, m: u8) -> Done {
         let (a, b, c) = (self.fpu.s(d), self.fpu.s(n), self.fpu.s(m));
         let value = match op {
-            DataOp::Add => self.sum(b, c),
-            DataOp::Sub => self.difference(b, c),
+            DataOp::Add => self.sum(b, c, false),
+            DataOp::Sub => self.sum(b, c, true),
             DataOp::Mul => self.product(b, c),
             DataOp::Nmul => fp::neg(self.product(b, c)),
             DataOp::Div => {
@@ -313,7 +309,7 @@ impl Core {
                     _ => (fp::neg(a), product),
                 };
                 self.cycles += 2;
-                self.sum(a, product)
+                self.sum(a, product, false)
             }
             DataOp::Fma | DataOp::Fms | DataOp::Fnma | DataOp::Fnms => {
                 let (a, b) = match op {

@@ -40,6 +40,7 @@ use rsemu::cpu::arm::v7m::isa::Insn;
 use rsemu::cpu::arm::v7m::sys::{DWT_CYCCNT, Exception, Sys};
 use rsemu::cpu::arm::v7m::{ArmV7m, Regs, xpsr};
 
+use self::micro::REGISTERS;
 use crate::address_space::Shared;
 use crate::chip::LARGEST_FLASH;
 use crate::defect::Defects;
@@ -103,13 +104,13 @@ pub(crate) struct Fast {
 struct Core {
     /// What the reference core had when the session began.
     given: Regs,
-    r: [u32; 16],
+    /// R0 to R15 and, for micro-operations, one that is zero, one that nothing reads and flag Z.
+    r: [u32; REGISTERS],
     /// xPSR without ITSTATE and without the flags N, Z, C and V, which are: bit 31, whether it is
     /// zero, whether it is set, bit 31. An instruction therefore stores its result for both N and Z
     /// and computes neither.
     psr: u32,
     n: u32,
-    z: u32,
     c: bool,
     v: u32,
     it: u8,
@@ -203,10 +204,9 @@ impl Core {
     fn new(family: Family, defects: &Defects) -> Self {
         Self {
             given: Regs::new(),
-            r: [0; 16],
+            r: [0; REGISTERS],
             psr: 0,
             n: 0,
-            z: 1,
             c: false,
             v: 0,
             it: 0,
@@ -272,7 +272,7 @@ impl Core {
         if !plain || pending.is_some_and(|(_, urgency)| urgency < cpu.execution_priority()) {
             return false;
         }
-        self.r = regs.r;
+        self.r[..16].copy_from_slice(&regs.r);
         self.set_status(regs.xpsr);
         self.primask = regs.primask;
         self.unmasked = false;
@@ -321,11 +321,11 @@ impl Core {
         let uses_psp = before.control & 2 != 0 && !before.in_handler();
         let it = u32::from(self.it);
         let mut regs = Regs {
-            r: self.r,
             xpsr: self.psr | self.flags() | (it >> 2) << 10 | (it & 3) << 25,
             primask: self.primask,
             ..before
         };
+        regs.r.copy_from_slice(&self.r[..16]);
         if uses_psp {
             regs.psp = self.r[13];
         } else {

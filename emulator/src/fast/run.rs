@@ -9,8 +9,7 @@
 use rsemu::core::value::Width;
 
 use super::code::Page;
-use super::float::SIGN;
-use super::micro::{Op, mask, offset};
+use super::micro::{AND, FLAGS, NOTHING, Op, WITH_C, WITH_ONE, XOR, chosen, mask, offset};
 use super::translate::PAGE;
 use super::{Core, Done, Leave, Memory, advanced, exchangeable};
 use crate::memory_map::{FLASH_BASE, RAM_BASE};
@@ -64,7 +63,7 @@ impl Core {
                 op = page.in_it(at);
                 if !matches!(op, Op::Other) {
                     if !self.passes(it >> 4) {
-                        op = &Op::Nop;
+                        op = &NOTHING;
                     }
                     self.it = advanced(it);
                     if self.it == 0 {
@@ -201,7 +200,6 @@ impl Core {
                     let entry = page.entry(at);
                     done!(entry.and_then(|entry| self.execute(memory, &entry.insn, false)));
                 }
-                Op::Nop => {}
                 Op::It { cond, mask } => {
                     self.it = cond << 4 | mask;
                     until = 0;
@@ -220,53 +218,27 @@ impl Core {
                 }
                 Op::Primask { d } => self.set(d, u32::from(self.primask)),
 
-                Op::Set { d, value } => self.set(d, value),
-                Op::SetNz { d, value } => {
-                    self.set(d, value);
-                    self.set_nz(value);
+                Op::AddImm { d, n, flags, value } => {
+                    let sum = self.get(n).wrapping_add(value);
+                    self.set(d, sum);
+                    self.set_nz_if(flags, sum);
                 }
                 Op::SetTop { d, value } => {
                     self.set(d, self.get(d) & 0xFFFF | u32::from(value) << 16);
                 }
-                Op::Move { d, m } => self.set(d, self.get(m)),
-                Op::MoveNz { d, m } => self.set_with_nz(d, self.get(m)),
-                Op::Add { d, n, m } => self.set(d, self.get(n).wrapping_add(self.get(m))),
-                Op::AddImm { d, n, value } => self.set(d, self.get(n).wrapping_add(value)),
                 Op::Sub { d, n, m } => self.set(d, self.get(n).wrapping_sub(self.get(m))),
-                Op::AddNzcv { d, n, m } => {
-                    let sum = self.sum_with_flags(self.get(n), self.get(m), false);
+                Op::Sum { d, n, m, flip } => {
+                    let carry = m & WITH_ONE != 0 || m & WITH_C != 0 && self.carry();
+                    let sum = self.sum_with_flags(self.get(n), self.get(m) ^ flip, carry);
                     self.set(d, sum);
-                }
-                Op::AddImmNzcv { d, n, value } => {
-                    let sum = self.sum_with_flags(self.get(n), value, false);
-                    self.set(d, sum);
-                }
-                Op::SubNzcv { d, n, m } => {
-                    let difference = self.sum_with_flags(self.get(n), !self.get(m), true);
-                    self.set(d, difference);
-                }
-                Op::SubImmNzcv { d, n, value } => {
-                    let difference = self.sum_with_flags(self.get(n), !value, true);
-                    self.set(d, difference);
                 }
                 Op::RsbImm { d, n, value } => self.set(d, value.wrapping_sub(self.get(n))),
-                Op::Compare { n, m } => {
-                    self.sum_with_flags(self.get(n), !self.get(m), true);
+                Op::Logic { d, n, m, flip } => {
+                    let (a, b) = (self.get(n), self.get(m) ^ flip);
+                    let result = a & b & chosen(m, AND) | (a ^ b) & chosen(m, XOR);
+                    self.set(d, result);
+                    self.set_nz_if(m & FLAGS != 0, result);
                 }
-                Op::CompareImm { n, value } => {
-                    self.sum_with_flags(self.get(n), !value, true);
-                }
-                Op::And { d, n, m } => self.set(d, self.get(n) & self.get(m)),
-                Op::AndImm { d, n, value } => self.set(d, self.get(n) & value),
-                Op::Orr { d, n, m } => self.set(d, self.get(n) | self.get(m)),
-                Op::OrrImm { d, n, value } => self.set(d, self.get(n) | value),
-                Op::Eor { d, n, m } => self.set(d, self.get(n) ^ self.get(m)),
-                Op::EorImm { d, n, value } => self.set(d, self.get(n) ^ value),
-                Op::Bic { d, n, m } => self.set(d, self.get(n) & !self.get(m)),
-                Op::AndNz { d, n, m } => self.set_with_nz(d, self.get(n) & self.get(m)),
-                Op::OrrNz { d, n, m } => self.set_with_nz(d, self.get(n) | self.get(m)),
-                Op::EorNz { d, n, m } => self.set_with_nz(d, self.get(n) ^ self.get(m)),
-                Op::BicNz { d, n, m } => self.set_with_nz(d, self.get(n) & !self.get(m)),
                 Op::AddLsl { d, n, m, by } => {
                     self.set(d, self.get(n).wrapping_add(self.get(m) << (by & 31)));
                 }
@@ -274,20 +246,6 @@ impl Core {
                 Op::OrrLsr { d, n, m, by } => self.set(d, self.get(n) | self.get(m) >> (by & 31)),
                 Op::EorLsl { d, n, m, by } => self.set(d, self.get(n) ^ self.get(m) << (by & 31)),
                 Op::EorLsr { d, n, m, by } => self.set(d, self.get(n) ^ self.get(m) >> (by & 31)),
-                Op::TestImm { n, value } => self.set_nz(self.get(n) & value),
-                Op::Lsl { d, m, by } => self.set(d, self.get(m) << (by & 31)),
-                Op::Lsr { d, m, by } => self.set(d, self.get(m) >> (by & 31)),
-                Op::Asr { d, m, by } => self.set(d, (self.get(m) as i32 >> (by & 31)) as u32),
-                Op::LslNzc { d, m, by } => {
-                    let value = self.get(m);
-                    self.set_c(value << (by.wrapping_sub(1) & 31) >> 31 != 0);
-                    self.set_with_nz(d, value << (by & 31));
-                }
-                Op::LsrNzc { d, m, by } => {
-                    let value = self.get(m);
-                    self.set_c(value >> (by.wrapping_sub(1) & 31) & 1 != 0);
-                    self.set_with_nz(d, value >> (by & 31));
-                }
                 Op::LslBy { d, n, m } => {
                     let shifted = self.get(n).checked_shl(self.get(m) & 0xFF);
                     self.set(d, shifted.unwrap_or(0));
@@ -314,12 +272,22 @@ impl Core {
                     self.set(high, (sum >> 32) as u32);
                     spend!(1);
                 }
-                Op::UnsignedByte { d, m } => self.set(d, self.get(m) & 0xFF),
-                Op::UnsignedHalf { d, m } => self.set(d, self.get(m) & 0xFFFF),
-                Op::SignedByte { d, m } => self.set(d, self.get(m) as i8 as u32),
-                Op::SignedHalf { d, m } => self.set(d, self.get(m) as i16 as u32),
-                Op::Extract { d, n, lsb, width } => {
-                    self.set(d, self.get(n) >> (lsb & 31) & mask(width));
+                Op::Shift { d, n, up, down } => {
+                    self.set(d, self.get(n) << (up & 31) >> (down & 31));
+                }
+                Op::ShiftSigned { d, n, up, down } => {
+                    self.set(d, ((self.get(n) << (up & 31)) as i32 >> (down & 31)) as u32);
+                }
+                Op::ShiftNzc {
+                    d,
+                    n,
+                    up,
+                    down,
+                    carry,
+                } => {
+                    let value = self.get(n);
+                    self.set_c(value >> (carry & 31) & 1 != 0);
+                    self.set_with_nz(d, value << (up & 31) >> (down & 31));
                 }
                 Op::Insert { d, n, lsb, width } => {
                     let (mask, lsb) = (mask(width), lsb & 31);
@@ -328,17 +296,6 @@ impl Core {
                 }
                 Op::CountZeros { d, m } => self.set(d, self.get(m).leading_zeros()),
 
-                Op::Branch { to } => jump!(to),
-                Op::BranchEqual { to } => {
-                    if self.z == 0 {
-                        jump!(to);
-                    }
-                }
-                Op::BranchUnequal { to } => {
-                    if self.z != 0 {
-                        jump!(to);
-                    }
-                }
                 Op::BranchIf { cond, to } => {
                     if self.passes(cond) {
                         jump!(to);
@@ -368,13 +325,8 @@ impl Core {
                     self.set(14, address(next) | 1);
                     jump!(place(to));
                 }
-                Op::BranchZero { n, to } => {
-                    if self.get(n) == 0 {
-                        jump!(to);
-                    }
-                }
-                Op::BranchNonzero { n, to } => {
-                    if self.get(n) != 0 {
+                Op::BranchZero { n, nonzero, to } => {
+                    if (self.get(n) == 0) != nonzero {
                         jump!(to);
                     }
                 }
@@ -383,76 +335,52 @@ impl Core {
                     self.set(t, value);
                     spend!(1 + self.fetch.constant(offset(base, from)));
                 }
-                Op::Load { t, n, by } => {
-                    let value = load!(self.get(n).wrapping_add_signed(by), Width::U32);
+                Op::Load {
+                    t,
+                    n,
+                    m,
+                    lsl,
+                    width,
+                    by,
+                } => {
+                    let value = load!(self.indexed(n, m, lsl, by), width);
                     self.set(t, value);
                 }
-                Op::LoadByte { t, n, by } => {
-                    let value = load!(self.get(n).wrapping_add_signed(by), Width::U8);
-                    self.set(t, value);
+                Op::LoadSigned { t, n, width, by } => {
+                    let at = self.get(n).wrapping_add_signed(by.into());
+                    let above = 32_u32.wrapping_sub(width.bits()) & 31;
+                    let value = load!(at, width);
+                    self.set(t, ((value << above) as i32 >> above) as u32);
                 }
-                Op::LoadHalf { t, n, by } => {
-                    let value = load!(self.get(n).wrapping_add_signed(by), Width::U16);
-                    self.set(t, value);
-                }
-                Op::LoadSignedByte { t, n, by } => {
-                    let value = load!(self.get(n).wrapping_add_signed(by), Width::U8);
-                    self.set(t, value as i8 as u32);
-                }
-                Op::LoadSignedHalf { t, n, by } => {
-                    let value = load!(self.get(n).wrapping_add_signed(by), Width::U16);
-                    self.set(t, value as i16 as u32);
-                }
-                Op::Store { t, n, by } => {
-                    store!(self.get(n).wrapping_add_signed(by), Width::U32, self.get(t));
-                }
-                Op::StoreByte { t, n, by } => {
-                    store!(self.get(n).wrapping_add_signed(by), Width::U8, self.get(t));
-                }
-                Op::StoreHalf { t, n, by } => {
-                    store!(self.get(n).wrapping_add_signed(by), Width::U16, self.get(t));
-                }
-                Op::LoadAt { t, n, m, lsl } => {
-                    let value = load!(self.indexed(n, m, lsl), Width::U32);
-                    self.set(t, value);
-                }
-                Op::LoadByteAt { t, n, m, lsl } => {
-                    let value = load!(self.indexed(n, m, lsl), Width::U8);
-                    self.set(t, value);
-                }
-                Op::LoadHalfAt { t, n, m, lsl } => {
-                    let value = load!(self.indexed(n, m, lsl), Width::U16);
-                    self.set(t, value);
-                }
-                Op::StoreAt { t, n, m, lsl } => {
-                    store!(self.indexed(n, m, lsl), Width::U32, self.get(t));
-                }
-                Op::StoreByteAt { t, n, m, lsl } => {
-                    store!(self.indexed(n, m, lsl), Width::U8, self.get(t));
-                }
-                Op::StoreHalfAt { t, n, m, lsl } => {
-                    store!(self.indexed(n, m, lsl), Width::U16, self.get(t));
-                }
-                Op::LoadMove { t, n, index, by } => {
+                Op::Store {
+                    t,
+                    n,
+                    m,
+                    lsl,
+                    width,
+                    by,
+                } => store!(self.indexed(n, m, lsl, by), width, self.get(t)),
+                Op::LoadMove {
+                    t,
+                    n,
+                    width,
+                    index,
+                    by,
+                } => {
                     let (at, moved) = self.moving(n, index, by);
-                    let value = load!(at, Width::U32);
+                    let value = load!(at, width);
                     self.set(n, moved);
                     self.set(t, value);
                 }
-                Op::LoadByteMove { t, n, index, by } => {
+                Op::StoreMove {
+                    t,
+                    n,
+                    width,
+                    index,
+                    by,
+                } => {
                     let (at, moved) = self.moving(n, index, by);
-                    let value = load!(at, Width::U8);
-                    self.set(n, moved);
-                    self.set(t, value);
-                }
-                Op::StoreMove { t, n, index, by } => {
-                    let (at, moved) = self.moving(n, index, by);
-                    store!(at, Width::U32, self.get(t));
-                    self.set(n, moved);
-                }
-                Op::StoreByteMove { t, n, index, by } => {
-                    let (at, moved) = self.moving(n, index, by);
-                    store!(at, Width::U8, self.get(t));
+                    store!(at, width, self.get(t));
                     self.set(n, moved);
                 }
                 Op::LoadTwo { t, t2, n, by } => {
@@ -487,46 +415,32 @@ impl Core {
                     }
                 }
 
-                Op::FloatAdd { d, n, m } => {
+                Op::FloatAdd { d, n, m, subtracts } => {
                     float!();
-                    let sum = self.sum(self.fpu.s(n), self.fpu.s(m));
+                    let sum = self.sum(self.fpu.s(n), self.fpu.s(m), subtracts);
                     self.fpu.set_s(d, sum);
-                }
-                Op::FloatSub { d, n, m } => {
-                    float!();
-                    let difference = self.difference(self.fpu.s(n), self.fpu.s(m));
-                    self.fpu.set_s(d, difference);
                 }
                 Op::FloatMul { d, n, m } => {
                     float!();
                     let product = self.product(self.fpu.s(n), self.fpu.s(m));
                     self.fpu.set_s(d, product);
                 }
-                Op::FloatMulAdd { d, n, m } => {
+                Op::FloatMulAdd { d, n, m, negates } => {
                     float!();
                     let product = self.product(self.fpu.s(n), self.fpu.s(m));
-                    let sum = self.sum(self.fpu.s(d), product);
+                    let sum = self.sum(self.fpu.s(d), product ^ u32::from(negates) << 31, false);
                     self.fpu.set_s(d, sum);
                     spend!(2);
                 }
-                Op::FloatMulSub { d, n, m } => {
+                Op::FloatMove {
+                    d,
+                    m,
+                    clears,
+                    flips,
+                } => {
                     float!();
-                    let product = self.product(self.fpu.s(n), self.fpu.s(m)) ^ SIGN;
-                    let sum = self.sum(self.fpu.s(d), product);
-                    self.fpu.set_s(d, sum);
-                    spend!(2);
-                }
-                Op::FloatMove { d, m } => {
-                    float!();
-                    self.fpu.set_s(d, self.fpu.s(m));
-                }
-                Op::FloatNeg { d, m } => {
-                    float!();
-                    self.fpu.set_s(d, self.fpu.s(m) ^ SIGN);
-                }
-                Op::FloatAbs { d, m } => {
-                    float!();
-                    self.fpu.set_s(d, self.fpu.s(m) & !SIGN);
+                    let (clears, flips) = (u32::from(clears) << 31, u32::from(flips) << 31);
+                    self.fpu.set_s(d, self.fpu.s(m) & !clears ^ flips);
                 }
                 Op::FloatSet { d, value } => {
                     float!();

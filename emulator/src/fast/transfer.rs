@@ -107,9 +107,11 @@ impl Core {
         Ok(())
     }
 
+    /// The address of a load or a store.
     #[inline(always)]
-    pub(super) fn indexed(&self, n: u8, m: u8, lsl: u8) -> u32 {
-        self.get(n).wrapping_add(self.get(m) << (lsl & 31))
+    pub(super) fn indexed(&self, n: u8, m: u8, lsl: u8, by: i16) -> u32 {
+        let base = self.get(n).wrapping_add_signed(by.into());
+        base.wrapping_add(self.get(m) << (lsl & 31))
     }
 
     /// The address of an access, and what is written back.

@@ -3,6 +3,7 @@
 //! An instruction that does more than these can express gives none: the program counter as an
 //! operand or a result, unusual forms, unpredictable encodings.
 
+use rsemu::core::value::Width;
 use rsemu::cpu::arm::v7m::fpisa::{DataOp, FpInsn, UnaryOp};
 use rsemu::cpu::arm::v7m::isa::{
     BitfieldOp, Cond, DpOp, ExtendOp, HintOp, Insn, MemOffset, MiscOp, Operand, Shift, ShiftType,
@@ -11,7 +12,7 @@ use rsemu::cpu::arm::v7m::isa::{
 
 use super::dsp::is_signal;
 use super::execute::PRIMASK;
-use super::micro::Op;
+use super::micro::{AND, FLAGS, NOTHING, Op, UNREAD, WITH_C, XOR, Z, ZERO};
 
 /// Bytes of code per page.
 pub(super) const PAGE: usize = 4096;
@@ -88,25 +89,21 @@ fn special(insn: &Insn, place: Place<'_>) -> Option<Op> {
             }
             data(op, flags, rd, rn, operand).unwrap_or(Op::Plain)
         }
-        Insn::Adr { rd, imm, add } if rd < 15 => Op::Set {
-            d: rd,
-            value: (place.pc() & !3).wrapping_add_signed(signed(imm, add)),
-        },
+        Insn::Adr { rd, imm, add } if rd < 15 => {
+            Op::set(rd, (place.pc() & !3).wrapping_add_signed(signed(imm, add)))
+        }
         Insn::MovImm16 {
             top: false,
             rd,
             imm,
-        } if rd < 15 => Op::Set {
-            d: rd,
-            value: u32::from(imm),
-        },
+        } if rd < 15 => Op::set(rd, u32::from(imm)),
         Insn::MovImm16 { top: true, rd, imm } if rd < 15 => Op::SetTop { d: rd, value: imm },
         Insn::Branch { cond, offset } => {
             let to = place.target(offset);
             match cond {
-                None | Some(Cond(14..)) => Op::Branch { to },
-                Some(Cond(0)) => Op::BranchEqual { to },
-                Some(Cond(1)) => Op::BranchUnequal { to },
+                None | Some(Cond(14..)) => Op::branch(ZERO, false, to),
+                Some(Cond(0)) => Op::branch(Z, false, to),
+                Some(Cond(1)) => Op::branch(Z, true, to),
                 Some(Cond(cond)) => Op::BranchIf { cond, to },
             }
         }
@@ -119,14 +116,7 @@ fn special(insn: &Insn, place: Place<'_>) -> Option<Op> {
             nonzero,
             rn,
             offset,
-        } if rn < 15 => {
-            let to = place.target(offset as i32);
-            if nonzero {
-                Op::BranchNonzero { n: rn, to }
-            } else {
-                Op::BranchZero { n: rn, to }
-            }
-        }
+        } if rn < 15 => Op::branch(rn, nonzero, place.target(offset as i32)),
         // One in a block is unpredictable.
         Insn::It { cond, mask } if !place.in_it => Op::It { cond: cond.0, mask },
         Insn::LoadStore {
@@ -244,10 +234,10 @@ fn special(insn: &Insn, place: Place<'_>) -> Option<Op> {
         } if all_plain(&[rd, rm]) => {
             let (d, m) = (rd, rm);
             match op {
-                ExtendOp::Sxtb => Op::SignedByte { d, m },
-                ExtendOp::Sxth => Op::SignedHalf { d, m },
-                ExtendOp::Uxtb => Op::UnsignedByte { d, m },
-                ExtendOp::Uxth => Op::UnsignedHalf { d, m },
+                ExtendOp::Sxtb => Op::shifted_signed(d, m, 24, 24),
+                ExtendOp::Sxth => Op::shifted_signed(d, m, 16, 16),
+                ExtendOp::Uxtb => Op::shifted(d, m, 24, 24),
+                ExtendOp::Uxth => Op::shifted(d, m, 16, 16),
                 _ => return None,
             }
         }
@@ -263,23 +253,15 @@ fn special(insn: &Insn, place: Place<'_>) -> Option<Op> {
             lsb,
             width,
         } if rd < 15 && (1..=32).contains(&width) && lsb < 32 && lsb + width <= 32 => match op {
-            BitfieldOp::Ubfx if rn < 15 => Op::Extract {
-                d: rd,
-                n: rn,
-                lsb,
-                width,
-            },
+            BitfieldOp::Ubfx if rn < 15 => Op::shifted(rd, rn, 32 - lsb - width, 32 - width),
+            BitfieldOp::Sbfx if rn < 15 => Op::shifted_signed(rd, rn, 32 - lsb - width, 32 - width),
             BitfieldOp::Bfi if rn < 15 => Op::Insert {
                 d: rd,
                 n: rn,
                 lsb,
                 width,
             },
-            BitfieldOp::Bfc => Op::AndImm {
-                d: rd,
-                n: rd,
-                value: !(u32::MAX >> (32 - width) << lsb),
-            },
+            BitfieldOp::Bfc => Op::logic(rd, rd, ZERO, !(u32::MAX >> (32 - width) << lsb), AND),
             _ => return None,
         },
         Insn::Mrs { rd, sysm: PRIMASK } if rd < 15 => Op::Primask { d: rd },
@@ -294,7 +276,7 @@ fn special(insn: &Insn, place: Place<'_>) -> Option<Op> {
         Insn::Barrier { .. }
         | Insn::Hint {
             op: HintOp::Nop | HintOp::Yield | HintOp::Preload | HintOp::Dbg(_),
-        } => Op::Nop,
+        } => NOTHING,
         Insn::ShiftReg {
             ty: ShiftType::Lsl,
             s,
@@ -335,11 +317,7 @@ fn address(op: DpOp, s: bool, d: u8, n: u8, operand: Operand, place: Place<'_>) 
                 rm,
                 shift: Shift::NONE,
             },
-        ) if rm < 15 => Some(Op::AddImm {
-            d,
-            n: rm,
-            value: place.pc(),
-        }),
+        ) if rm < 15 => Some(Op::add(d, rm, place.pc(), false)),
         (
             DpOp::Add,
             _,
@@ -347,11 +325,7 @@ fn address(op: DpOp, s: bool, d: u8, n: u8, operand: Operand, place: Place<'_>) 
                 rm: 15,
                 shift: Shift::NONE,
             },
-        ) if n < 15 => Some(Op::AddImm {
-            d,
-            n,
-            value: place.pc(),
-        }),
+        ) if n < 15 => Some(Op::add(d, n, place.pc(), false)),
         (
             DpOp::Mov,
             _,
@@ -359,10 +333,7 @@ fn address(op: DpOp, s: bool, d: u8, n: u8, operand: Operand, place: Place<'_>) 
                 rm: 15,
                 shift: Shift::NONE,
             },
-        ) => Some(Op::Set {
-            d,
-            value: place.pc(),
-        }),
+        ) => Some(Op::set(d, place.pc())),
         _ => None,
     }
 }
@@ -381,54 +352,46 @@ fn data(op: DpOp, flags: bool, d: u8, n: u8, operand: Operand) -> Option<Op> {
 /// `sets_c`: the constant's expansion gives the carry where the operation itself does not.
 fn data_imm(op: DpOp, flags: bool, d: u8, n: u8, value: u32, sets_c: bool) -> Option<Op> {
     Some(match (op, flags) {
-        (DpOp::Mov, false) => Op::Set { d, value },
-        (DpOp::Mov, true) if !sets_c => Op::SetNz { d, value },
-        (DpOp::Mvn, false) => Op::Set { d, value: !value },
-        (DpOp::Add, false) => Op::AddImm { d, n, value },
-        (DpOp::Sub, false) => Op::AddImm {
-            d,
-            n,
-            value: value.wrapping_neg(),
-        },
-        (DpOp::Add, true) => Op::AddImmNzcv { d, n, value },
-        (DpOp::Sub, true) => Op::SubImmNzcv { d, n, value },
+        (DpOp::Mov, false) => Op::set(d, value),
+        (DpOp::Mov, true) if !sets_c => Op::add(d, ZERO, value, true),
+        (DpOp::Mvn, false) => Op::set(d, !value),
+        (DpOp::Add, false) => Op::add(d, n, value, false),
+        (DpOp::Sub, false) => Op::add(d, n, value.wrapping_neg(), false),
+        (DpOp::Add, true) => Op::sum(d, n, ZERO, value),
+        (DpOp::Sub, true) => Op::difference(d, n, ZERO, value),
+        (DpOp::Adc, true) => Op::sum(d, n, ZERO | WITH_C, value),
+        (DpOp::Sbc, true) => Op::sum(d, n, ZERO | WITH_C, !value),
         (DpOp::Rsb, false) => Op::RsbImm { d, n, value },
-        (DpOp::Cmp, _) => Op::CompareImm { n, value },
-        (DpOp::And, false) => Op::AndImm { d, n, value },
-        (DpOp::Bic, false) => Op::AndImm {
-            d,
-            n,
-            value: !value,
-        },
-        (DpOp::Orr, false) => Op::OrrImm { d, n, value },
-        (DpOp::Orn, false) => Op::OrrImm {
-            d,
-            n,
-            value: !value,
-        },
-        (DpOp::Eor, false) => Op::EorImm { d, n, value },
-        (DpOp::Tst, _) if !sets_c => Op::TestImm { n, value },
+        (DpOp::Cmp, _) => Op::difference(UNREAD, n, ZERO, value),
+        (DpOp::And, false) => Op::logic(d, n, ZERO, value, AND),
+        (DpOp::Bic, false) => Op::logic(d, n, ZERO, !value, AND),
+        (DpOp::Orr, false) => Op::logic(d, n, ZERO, value, AND | XOR),
+        (DpOp::Orn, false) => Op::logic(d, n, ZERO, !value, AND | XOR),
+        (DpOp::Eor, false) => Op::logic(d, n, ZERO, value, XOR),
+        (DpOp::Tst, _) if !sets_c => Op::logic(UNREAD, n, ZERO, value, AND | FLAGS),
         _ => return None,
     })
 }
 
 fn data_reg(op: DpOp, flags: bool, d: u8, n: u8, m: u8) -> Option<Op> {
     Some(match (op, flags) {
-        (DpOp::Mov, false) => Op::Move { d, m },
-        (DpOp::Mov, true) => Op::MoveNz { d, m },
-        (DpOp::Add, false) => Op::Add { d, n, m },
-        (DpOp::Add, true) => Op::AddNzcv { d, n, m },
+        (DpOp::Mov, false) => Op::add(d, m, 0, false),
+        (DpOp::Mov, true) => Op::add(d, m, 0, true),
+        (DpOp::Add, false) => Op::AddLsl { d, n, m, by: 0 },
+        (DpOp::Add, true) => Op::sum(d, n, m, 0),
         (DpOp::Sub, false) => Op::Sub { d, n, m },
-        (DpOp::Sub, true) => Op::SubNzcv { d, n, m },
-        (DpOp::Cmp, _) => Op::Compare { n, m },
-        (DpOp::And, false) => Op::And { d, n, m },
-        (DpOp::Orr, false) => Op::Orr { d, n, m },
-        (DpOp::Eor, false) => Op::Eor { d, n, m },
-        (DpOp::Bic, false) => Op::Bic { d, n, m },
-        (DpOp::And, true) => Op::AndNz { d, n, m },
-        (DpOp::Orr, true) => Op::OrrNz { d, n, m },
-        (DpOp::Eor, true) => Op::EorNz { d, n, m },
-        (DpOp::Bic, true) => Op::BicNz { d, n, m },
+        (DpOp::Sub, true) => Op::difference(d, n, m, 0),
+        (DpOp::Adc, true) => Op::sum(d, n, m | WITH_C, 0),
+        (DpOp::Sbc, true) => Op::sum(d, n, m | WITH_C, !0),
+        (DpOp::Cmp, _) => Op::difference(UNREAD, n, m, 0),
+        (DpOp::And, false) => Op::logic(d, n, m, 0, AND),
+        (DpOp::Orr, false) => Op::logic(d, n, m, 0, AND | XOR),
+        (DpOp::Eor, false) => Op::logic(d, n, m, 0, XOR),
+        (DpOp::Bic, false) => Op::logic(d, n, m, !0, AND),
+        (DpOp::And, true) => Op::logic(d, n, m, 0, AND | FLAGS),
+        (DpOp::Orr, true) => Op::logic(d, n, m, 0, AND | XOR | FLAGS),
+        (DpOp::Eor, true) => Op::logic(d, n, m, 0, XOR | FLAGS),
+        (DpOp::Bic, true) => Op::logic(d, n, m, !0, AND | FLAGS),
         _ => return None,
     })
 }
@@ -439,11 +402,23 @@ fn data_shifted(op: DpOp, flags: bool, d: u8, n: u8, m: u8, shift: Shift) -> Opt
         return None;
     }
     Some(match (op, flags, shift.ty) {
-        (DpOp::Mov, false, ShiftType::Lsl) => Op::Lsl { d, m, by },
-        (DpOp::Mov, false, ShiftType::Lsr) => Op::Lsr { d, m, by },
-        (DpOp::Mov, false, ShiftType::Asr) => Op::Asr { d, m, by },
-        (DpOp::Mov, true, ShiftType::Lsl) => Op::LslNzc { d, m, by },
-        (DpOp::Mov, true, ShiftType::Lsr) => Op::LsrNzc { d, m, by },
+        (DpOp::Mov, false, ShiftType::Lsl) => Op::shifted(d, m, by, 0),
+        (DpOp::Mov, false, ShiftType::Lsr) => Op::shifted(d, m, 0, by),
+        (DpOp::Mov, false, ShiftType::Asr) => Op::shifted_signed(d, m, 0, by),
+        (DpOp::Mov, true, ShiftType::Lsl) => Op::ShiftNzc {
+            d,
+            n: m,
+            up: by,
+            down: 0,
+            carry: 32 - by,
+        },
+        (DpOp::Mov, true, ShiftType::Lsr) => Op::ShiftNzc {
+            d,
+            n: m,
+            up: 0,
+            down: by,
+            carry: by - 1,
+        },
         (DpOp::Add, false, ShiftType::Lsl) => Op::AddLsl { d, n, m, by },
         (DpOp::Orr, false, ShiftType::Lsl) => Op::OrrLsl { d, n, m, by },
         (DpOp::Orr, false, ShiftType::Lsr) => Op::OrrLsr { d, n, m, by },
@@ -470,41 +445,49 @@ fn memory(insn: &Insn) -> Option<Op> {
     else {
         return None;
     };
-    Some(match offset {
-        MemOffset::Imm(imm) if index && !wback => {
-            let by = signed(imm, add);
-            match (load, size, extends) {
-                (true, Size::Word, _) => Op::Load { t, n, by },
-                (true, Size::Byte, false) => Op::LoadByte { t, n, by },
-                (true, Size::Half, false) => Op::LoadHalf { t, n, by },
-                (true, Size::Byte, true) => Op::LoadSignedByte { t, n, by },
-                (true, Size::Half, true) => Op::LoadSignedHalf { t, n, by },
-                (false, Size::Word, _) => Op::Store { t, n, by },
-                (false, Size::Byte, _) => Op::StoreByte { t, n, by },
-                (false, Size::Half, _) => Op::StoreHalf { t, n, by },
-            }
-        }
-        MemOffset::Imm(imm) if wback && n != t => {
-            let by = i16::try_from(signed(imm, add)).ok()?;
-            match (load, size, extends) {
-                (true, Size::Word, _) => Op::LoadMove { t, n, index, by },
-                (true, Size::Byte, false) => Op::LoadByteMove { t, n, index, by },
-                (false, Size::Word, _) => Op::StoreMove { t, n, index, by },
-                (false, Size::Byte, _) => Op::StoreByteMove { t, n, index, by },
-                _ => return None,
-            }
-        }
-        MemOffset::Reg { rm: m, lsl } if index && !wback && add && lsl < 4 => {
-            match (load, size, extends) {
-                (true, Size::Word, _) => Op::LoadAt { t, n, m, lsl },
-                (true, Size::Byte, false) => Op::LoadByteAt { t, n, m, lsl },
-                (true, Size::Half, false) => Op::LoadHalfAt { t, n, m, lsl },
-                (false, Size::Word, _) => Op::StoreAt { t, n, m, lsl },
-                (false, Size::Byte, _) => Op::StoreByteAt { t, n, m, lsl },
-                (false, Size::Half, _) => Op::StoreHalfAt { t, n, m, lsl },
-                _ => return None,
-            }
-        }
+    let width = match size {
+        Size::Byte => Width::U8,
+        Size::Half => Width::U16,
+        Size::Word => Width::U32,
+    };
+    let (m, lsl, by) = match offset {
+        MemOffset::Imm(imm) => (ZERO, 0, i16::try_from(signed(imm, add)).ok()?),
+        MemOffset::Reg { rm: m, lsl } if add && lsl < 4 && !wback => (m, lsl, 0),
+        MemOffset::Reg { .. } => return None,
+    };
+    let extends = load && extends && size != Size::Word;
+    Some(match (load, extends, wback) {
+        (true, false, false) if index => Op::Load {
+            t,
+            n,
+            m,
+            lsl,
+            width,
+            by,
+        },
+        (false, false, false) if index => Op::Store {
+            t,
+            n,
+            m,
+            lsl,
+            width,
+            by,
+        },
+        (true, true, false) if index && m == ZERO => Op::LoadSigned { t, n, width, by },
+        (true, false, true) if n != t => Op::LoadMove {
+            t,
+            n,
+            width,
+            index,
+            by,
+        },
+        (false, false, true) if n != t => Op::StoreMove {
+            t,
+            n,
+            width,
+            index,
+            by,
+        },
         _ => return None,
     })
 }
@@ -512,19 +495,31 @@ fn memory(insn: &Insn) -> Option<Op> {
 fn float(insn: FpInsn, place: Place<'_>) -> Option<Op> {
     Some(match insn {
         FpInsn::Data { op, d, n, m } => match op {
-            DataOp::Add => Op::FloatAdd { d, n, m },
-            DataOp::Sub => Op::FloatSub { d, n, m },
+            DataOp::Add | DataOp::Sub => {
+                let subtracts = op == DataOp::Sub;
+                Op::FloatAdd { d, n, m, subtracts }
+            }
             DataOp::Mul => Op::FloatMul { d, n, m },
-            DataOp::Mla => Op::FloatMulAdd { d, n, m },
-            DataOp::Mls => Op::FloatMulSub { d, n, m },
+            DataOp::Mla | DataOp::Mls => {
+                let negates = op == DataOp::Mls;
+                Op::FloatMulAdd { d, n, m, negates }
+            }
             _ => return None,
         },
-        FpInsn::Unary { op, d, m } => match op {
-            UnaryOp::Mov => Op::FloatMove { d, m },
-            UnaryOp::Neg => Op::FloatNeg { d, m },
-            UnaryOp::Abs => Op::FloatAbs { d, m },
-            _ => return None,
-        },
+        FpInsn::Unary { op, d, m } => {
+            let (clears, flips) = match op {
+                UnaryOp::Mov => (false, false),
+                UnaryOp::Neg => (false, true),
+                UnaryOp::Abs => (true, false),
+                _ => return None,
+            };
+            Op::FloatMove {
+                d,
+                m,
+                clears,
+                flips,
+            }
+        }
         FpInsn::MovImm { d, imm } => Op::FloatSet { d, value: imm },
         FpInsn::MovCore { to_fp: true, rt, n } if rt < 15 => Op::FloatFrom { d: n, t: rt },
         FpInsn::MovCore {
